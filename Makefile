@@ -1,0 +1,56 @@
+# `make run`  sets everything up and runs the quick benchmark; ends by naming its report.
+# `make test` sets everything up, then lint, types and tests.
+# Needs Python 3.11 and a C++ compiler; the first call installs into .venv (about 3 GB).
+
+PYTHON ?= $(shell command -v python3.11 || command -v python3)
+VENV := .venv
+BIN := $(VENV)/bin
+KERNELS := $(wildcard mattgs_ops/splat/_kernels/*)
+# every stamp depends on what the extension and the metadata are built from
+BUILD_INPUTS := pyproject.toml CMakeLists.txt $(KERNELS)
+PIP := $(BIN)/python -m pip --disable-pip-version-check
+
+.PHONY: run test quick-test lint types format install dev clean help
+
+help: ## list the targets
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/'
+
+run: $(VENV)/.installed ## run the quick benchmark on the bundled captures
+	$(BIN)/mattgs run $(ARGS)
+
+test: lint types $(VENV)/.installed-dev ## lint, types and all tests
+	$(BIN)/python -m pytest
+
+quick-test: $(VENV)/.installed-dev ## tests without those marked slow
+	$(BIN)/python -m pytest -m "not slow"
+
+lint: $(VENV)/.installed-dev ## ruff, rules and format
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(VENV)/.installed-dev ## mypy, strict
+	$(BIN)/mypy
+
+format: $(VENV)/.installed-dev ## let ruff rewrite what it can
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+install: $(VENV)/.installed ## the virtual environment for running
+dev: $(VENV)/.installed-dev ## the virtual environment for developing
+
+$(VENV)/bin/python:
+	@test -n "$(PYTHON)" || { echo "make: Python 3.11 was not found; install it or set PYTHON=/path/to/python3.11"; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' || \
+	  { echo "make: Python 3.11 is needed, found $$($(PYTHON) --version); set PYTHON=/path/to/python3.11"; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.installed: $(VENV)/bin/python $(BUILD_INPUTS)
+	$(PIP) install -qq --editable .
+	@touch $@
+
+$(VENV)/.installed-dev: $(VENV)/bin/python $(BUILD_INPUTS)
+	$(PIP) install -qq --editable '.[dev]'
+	@touch $@ $(VENV)/.installed
+
+clean: ## remove build products and the virtual environment; results stay
+	rm -rf $(VENV) build dist .pytest_cache .ruff_cache .mypy_cache

@@ -1,0 +1,84 @@
+"""Pinhole cameras in COLMAP's convention.
+
+World-to-camera, x right, y down, z forward; lengths of the image plane in pixels; the centre of
+the top-left pixel is at (0.5, 0.5). Lens distortion is removed before a :class:`Camera` is made.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Intrinsics:
+    """A pinhole without distortion: ``u = fx * x / z + cx``, ``v = fy * y / z + cy``."""
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+
+    def scaled(self, width: int, height: int) -> "Intrinsics":
+        """Return the intrinsics of the same photo resized to ``width`` × ``height`` pixels."""
+        sx, sy = width / self.width, height / self.height
+        return Intrinsics(width, height, self.fx * sx, self.fy * sy, self.cx * sx, self.cy * sy)
+
+
+@dataclass(frozen=True)
+class Camera:
+    """One posed pinhole view.
+
+    ``rotation`` [3, 3] and ``translation`` [3] map world to camera: ``x_cam = R @ x + t``.
+    """
+
+    intrinsics: Intrinsics
+    rotation: Array
+    translation: Array
+
+    @property
+    def centre(self) -> Array:
+        """The camera's position in the world, [3]."""
+        return -self.rotation.T @ self.translation
+
+    @property
+    def matrix(self) -> Array:
+        """World-to-camera as a homogeneous matrix, [4, 4]."""
+        out = np.eye(4)
+        out[:3, :3], out[:3, 3] = self.rotation, self.translation
+        return out
+
+    def scaled(self, width: int, height: int) -> "Camera":
+        """Return this camera for the same photo resized to ``width`` × ``height`` pixels."""
+        return Camera(self.intrinsics.scaled(width, height), self.rotation, self.translation)
+
+    def project(self, points: Array) -> tuple[Array, Array]:
+        """Project world points [N, 3] to pixels [N, 2] and depths [N] (camera z, may be <= 0)."""
+        local = points @ self.rotation.T + self.translation
+        depth = local[:, 2]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            xy = local[:, :2] / depth[:, None]
+        i = self.intrinsics
+        return xy * [i.fx, i.fy] + [i.cx, i.cy], depth
+
+
+def from_opengl(camera_to_world: Array) -> tuple[Array, Array]:
+    """Turn an OpenGL camera-to-world matrix [4, 4] (x right, y up, z back) into (R, t).
+
+    This is the convention of nerfstudio's and NeRF's ``transforms.json``.
+    """
+    flipped = camera_to_world[:3, :3] * [1.0, -1.0, -1.0]
+    rotation = flipped.T
+    return rotation, -rotation @ camera_to_world[:3, 3]
+
+
+def to_opengl(rotation: Array, translation: Array) -> Array:
+    """Inverse of :func:`from_opengl`: camera-to-world [4, 4] with y up and z back."""
+    out = np.eye(4)
+    out[:3, :3] = rotation.T * [1.0, -1.0, -1.0]
+    out[:3, 3] = -rotation.T @ translation
+    return out

@@ -1,0 +1,249 @@
+"""The benchmark's configuration: frozen, validated, parameters only.
+
+One object is the Prefect flow's parameter, the TOML file and the command line alike. Unknown keys
+and bad values are refused by name. Nothing heavy is imported here, so that ``mattgs --help`` and
+validation are instant. Values that change results are part of a stage's key; those in
+:class:`RunConfig` (threads, workers, places) never change a result.
+"""
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+
+from mattgs_ops.errors import InputError
+
+Background = Literal["original", "nobg"]
+Slug = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._+-]*$", max_length=64)]
+BUNDLED = ("rover", "hexapod", "lattepanda")
+
+
+class Frozen(BaseModel):
+    """Base of all configuration: immutable, and no key that it does not know."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", protected_namespaces=())
+
+
+class CaptureConfig(Frozen):
+    """Where a capture comes from; no ``path`` means the bundled one called ``name``."""
+
+    name: Slug
+    path: Path | None = None
+    kind: Literal["auto", "photos", "nerfstudio", "colmap"] = "auto"
+    masks: Path | None = Field(None, description="folder of the user's own masks, 255 = object")
+
+    @model_validator(mode="after")
+    def _bundled_or_path(self) -> "CaptureConfig":
+        if self.path is None and self.name not in BUNDLED:
+            raise ValueError(
+                f"no bundled capture is called {self.name!r}: expected one of "
+                f"{', '.join(BUNDLED)}, or a `path` to photos"
+            )
+        return self
+
+
+class SegmentConfig(Frozen):
+    """How the object is cut out (U²-Net, Qin et al. 2020)."""
+
+    source: Literal["auto", "u2net", "grabcut", "given", "none"] = Field(
+        "auto",
+        description="auto: masks that come with the capture's photos as alpha or by the "
+        "user's --masks are used, bundled captures and plain photos are segmented by U²-Net",
+    )
+    model: Path | None = Field(None, description="an ONNX file; none means the bundled U²-NetP")
+    threshold: float = Field(0.5, gt=0, lt=1)
+    refine: Literal["none", "grabcut", "votes"] = "grabcut"
+
+
+class SfmConfig(Frozen):
+    """Structure-from-motion by pycolmap (Schönberger & Frahm 2016)."""
+
+    mode: Literal["shared", "masked", "original"] = "shared"
+    poses: Literal["auto", "estimate"] = Field(
+        "auto",
+        description="auto: poses that come with a user's capture are kept, SfM only "
+        "triangulates; estimate: always ignore them. Bundled captures are always estimated",
+    )
+    camera_model: Literal["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV"] = (
+        "SIMPLE_RADIAL"
+    )
+    max_image_size: int = Field(1600, ge=64, description="longest side seen by SIFT, pixels")
+    max_features: int = Field(
+        2048, ge=64, description="of a photo, and as many of its object; largest scales first"
+    )
+    upsample: bool = Field(True, description="SIFT starts at twice the photos' size")
+    peak_threshold: float = Field(0.02 / 3, gt=0, description="SIFT's; lower finds fainter ones")
+    mapper: Literal["incremental", "global"] = "incremental"
+    matcher: Literal["auto", "exhaustive", "sequential", "spatial"] = "auto"
+    exhaustive_limit: int = Field(120, ge=2, description="auto: exhaustive up to this many views")
+    min_registered: float = Field(0.5, gt=0, le=1, description="share of views; fewer is a failure")
+    random_points: int = Field(
+        10_000, ge=100, description="stated fallback when no point can be triangulated"
+    )
+    seed: int = Field(0, ge=0)
+
+
+class TrainConfig(Frozen):
+    """3DGS training (Kerbl et al. 2023); the defaults are their released values for 30,000 steps.
+
+    Schedules given in steps are scaled by ``iterations / 30,000`` when ``scale_schedule`` is set,
+    as gsplat's ``steps_scaler`` does.
+    """
+
+    scale_schedule: bool = True
+    lr_position: float = Field(1.6e-4, gt=0, description="times the scene's extent")
+    lr_position_final: float = Field(1.6e-6, gt=0)
+    lr_sh_dc: float = Field(2.5e-3, gt=0)
+    lr_sh_rest: float = Field(2.5e-3 / 20, gt=0)
+    lr_opacity: float = Field(0.025, gt=0, description="0.05 in the paper, 0.025 as released since")
+    lr_scale: float = Field(5e-3, gt=0)
+    lr_rotation: float = Field(1e-3, gt=0)
+    ssim_lambda: float = Field(0.2, ge=0, le=1)
+    sh_degree: int = Field(3, ge=0, le=3)
+    sh_every: int = Field(1000, ge=1)
+    densify_from: int = Field(500, ge=0)
+    densify_until: int = Field(15_000, ge=0)
+    densify_every: int = Field(100, ge=1)
+    densify_gradient: float = Field(2e-4, gt=0, description="normalised device coordinates")
+    densify_scale: float = Field(0.01, gt=0, description="split above this share of the extent")
+    prune_opacity: float = Field(0.005, ge=0, lt=1)
+    opacity_reset_every: int = Field(3000, ge=1)
+    max_splats: int = Field(300_000, ge=100, description="densification stops at this many")
+    background: Literal["white", "black", "random"] = "white"
+    checkpoint_every: int = Field(1000, ge=0, description="0: never")
+
+
+class MethodConfig(Frozen):
+    """What a method changes against plain 3DGS; the defaults change nothing.
+
+    ``weighting``: ``paper`` is eq. 15, ``A * |y - y_hat|``; ``residual`` is
+    ``(1 + weight * A) * |y - y_hat|`` normalised to mean weight 1 (eq. 6).
+    ``attention``: ``paper`` is eqs. 9–14 on the training image as it is; ``interior`` is computed
+    on the photo before compositing, and suppressed on a band along the mask's edge.
+    ``prune``: how splats are scored for removal, at the projected centre (``pixel``, the paper's)
+    or by blending weight times attention (``blend``).
+    """
+
+    attention: Literal["paper", "interior"] = "paper"
+    weighting: Literal["none", "paper", "residual"] = "none"
+    weight: float = Field(1.0, ge=0)
+    prune: Literal["none", "pixel", "blend"] = "none"
+    prune_initial: bool = False
+    prune_attention: float = Field(0.05, ge=0, le=1, description="low attention is below this")
+    prune_opacity: float = Field(0.1, ge=0, le=1, description="low confidence is below this")
+
+
+METHODS: dict[str, MethodConfig] = {
+    "3dgs": MethodConfig(),
+    "ours": MethodConfig(weighting="paper", prune="pixel", prune_initial=True),
+}
+
+
+class Condition(Frozen):
+    """Background × method, written ``nobg-ours``."""
+
+    background: Background
+    method: str
+
+    def __str__(self) -> str:
+        return f"{self.background}-{self.method}"
+
+    @classmethod
+    def parse(cls, text: str) -> "Condition":
+        """Read ``BACKGROUND-METHOD``; raises ValueError naming the text."""
+        background, dash, method = text.partition("-")
+        if background not in ("original", "nobg") or not dash or not method:
+            raise ValueError(
+                f"condition {text!r}: expected BACKGROUND-METHOD with the background `original` "
+                "or `nobg`, for example `nobg-ours`"
+            )
+        return cls.model_validate({"background": background, "method": method})
+
+
+PAPER_CONDITIONS = ("original-3dgs", "original-ours", "nobg-3dgs", "nobg-ours")
+
+
+class RunConfig(Frozen):
+    """Where and how wide the work runs; never changes a result."""
+
+    workers: int = Field(0, ge=0, description="Dask worker processes; 0: one per core")
+    threads: int = Field(1, ge=1, description="threads of one training")
+    stage_timeout: float = Field(6 * 3600, gt=0, description="seconds one stage may take")
+    retries: int = Field(1, ge=0)
+    dask_scheduler: str | None = Field(None, description="tcp://… of an existing scheduler")
+
+
+class BenchmarkConfig(Frozen):
+    """A grid of experiments: captures × conditions × seeds."""
+
+    name: Slug = "quick"
+    captures: tuple[CaptureConfig, ...] = tuple(CaptureConfig(name=n) for n in BUNDLED)
+    conditions: tuple[str, ...] = PAPER_CONDITIONS
+    seeds: tuple[int, ...] = (0,)
+    iterations: int = Field(1000, ge=1)
+    resolution: int = Field(320, ge=16, description="longest side of training views, pixels")
+    test_every: int = Field(8, ge=2, description="every 8th view by sorted name is held out")
+    segment: SegmentConfig = SegmentConfig()
+    sfm: SfmConfig = SfmConfig()
+    train: TrainConfig = TrainConfig()
+    methods: dict[str, MethodConfig] = Field(
+        default_factory=dict, description="further methods, or other settings of known ones"
+    )
+    run: RunConfig = RunConfig()
+
+    @field_validator("captures", "conditions", "seeds")
+    @classmethod
+    def _some_and_unique(cls, value: tuple[object, ...]) -> tuple[object, ...]:
+        keys = [v.name if isinstance(v, CaptureConfig) else v for v in value]
+        if not keys:
+            raise ValueError("expected at least one, found none")
+        if len(set(keys)) != len(keys):
+            raise ValueError(f"expected different ones, found {', '.join(map(str, keys))}")
+        return value
+
+    @model_validator(mode="after")
+    def _known_conditions(self) -> "BenchmarkConfig":
+        for text in self.conditions:
+            self.method(Condition.parse(text).method)
+        return self
+
+    def method(self, name: str) -> MethodConfig:
+        """Return the settings of a method; raises ValueError naming the known ones."""
+        known = METHODS | self.methods
+        if name not in known:
+            raise ValueError(f"method {name!r}: expected one of {', '.join(sorted(known))}")
+        return known[name]
+
+
+def describe(error: ValidationError, where: str) -> InputError:
+    """Turn pydantic's report into one sentence per field, each naming field, rule and value."""
+    lines = []
+    for item in error.errors():
+        field = ".".join(str(part) for part in item["loc"]) or "the configuration"
+        found = "" if item["type"] == "missing" else f", found {item['input']!r}"
+        if item["type"] == "extra_forbidden":
+            lines.append(f"{where}: unknown key `{field}`")
+        else:
+            lines.append(f"{where}: `{field}`: {item['msg'].removeprefix('Value error, ')}{found}")
+    return InputError("\n".join(lines))
+
+
+def load_toml(path: Path) -> BenchmarkConfig:
+    """Read a benchmark's TOML file; raises :class:`InputError` naming file and field.
+
+    Relative paths of captures and masks are taken from the file's own folder.
+    """
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, tomllib.TOMLDecodeError) as error:
+        raise InputError(f"{path}: expected a readable TOML file: {error}") from error
+    captures = data.get("captures")
+    for capture in captures if isinstance(captures, list) else []:
+        for key in ("path", "masks"):
+            if isinstance(capture, dict) and isinstance(capture.get(key), str):
+                capture[key] = str((path.parent / capture[key]).resolve())
+    try:
+        return BenchmarkConfig.model_validate(data)
+    except ValidationError as error:
+        raise describe(error, str(path)) from error

@@ -1,0 +1,55 @@
+"""Digests of contents: SHA-256 over bytes, never over paths, times or machines.
+
+Two folders have the same digest when they hold the same relative names with the same bytes.
+"""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from mattgs_ops.errors import InputError
+
+
+def file_digest(path: Path) -> str:
+    """Return the SHA-256 of a file's bytes, 64 hexadecimal digits."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def list_files(folder: Path) -> dict[str, Path]:
+    """Return all files under ``folder`` by relative name with forward slashes, sorted.
+
+    Raises :class:`InputError` for anything that is neither a file nor a folder, links included:
+    their contents could change without the digest noticing.
+    """
+    found: dict[str, Path] = {}
+    for path in sorted(folder.rglob("*")):
+        if path.is_symlink() or not (path.is_file() or path.is_dir()):
+            raise InputError(
+                f"{path}: expected plain files and folders only, found a link or device"
+            )
+        if path.is_file():
+            found[path.relative_to(folder).as_posix()] = path
+    return dict(sorted(found.items()))
+
+
+def folder_digest(folder: Path) -> str:
+    """Return the digest of all files under ``folder``."""
+    return tree_digest({name: file_digest(path) for name, path in list_files(folder).items()})
+
+
+def tree_digest(files: Mapping[str, str]) -> str:
+    """Return the digest of a tree given as relative name → SHA-256 of the content."""
+    return json_digest(dict(files))
+
+
+def json_digest(value: Any) -> str:
+    """Return the digest of a JSON value; the order of keys does not matter.
+
+    Raises TypeError for values that JSON cannot hold (a path never belongs in a key) and
+    ValueError for NaN and infinities.
+    """
+    text = json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode("utf-8")).hexdigest()

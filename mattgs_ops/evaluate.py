@@ -1,0 +1,269 @@
+"""Trained splats → stored renders → scores; and how fast they render.
+
+:func:`render_views` writes 8-bit PNGs of every registered view beside what it should look like::
+
+    renders/{test,train}/NAME.png   truth/{test,train}/NAME.png   masks/{test,train}/NAME.png
+    views.json
+
+:func:`score` reads those files and nothing else, and writes ``evaluation.json``: so what was
+scored can be looked at, and scored again. Test views that structure-from-motion could not place
+are listed as missing, never left out in silence. Speed is measured apart, by
+:func:`measure_speed`, when nothing else runs.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from mattgs_ops import calibration
+from mattgs_ops.attention import paper_attention
+from mattgs_ops.config import Condition
+from mattgs_ops.digests import file_digest, folder_digest
+from mattgs_ops.errors import InputError, StageError
+from mattgs_ops.metrics import IMAGE_METRICS, METRICS, SSIM_REACH, score_view
+from mattgs_ops.progress import Progress, no_progress
+from mattgs_ops.scene import Scene, Split
+from mattgs_ops.splat.photos import WHITE, load_view, size_at
+from mattgs_ops.splat.ply import read_ply
+from mattgs_ops.splat.render import measure_fps, render_view
+
+SCHEMA = 1
+BYTES_PER_MB = 1e6  # size_mb is in megabytes, not mebibytes
+VIEWS_FILE = "views.json"
+EVALUATION_FILE = "evaluation.json"
+PNG_EFFORT = 1
+MASK_THRESHOLD = 128  # of 255: a pixel is object when at least half of it is
+Colour = tuple[float, float, float]
+SPLITS: tuple[Split, ...] = get_args(Split)
+
+
+@dataclass(frozen=True)
+class RenderedView:
+    """One view on disk; ``masked`` says whether it has a mask."""
+
+    name: str
+    split: Split
+    masked: bool
+
+
+@dataclass(frozen=True)
+class RenderedViews:
+    """The content of ``views.json``: what was rendered, from what.
+
+    Of the training views the first and every ``train_every``-th after it were rendered; ``missing``
+    are test views without a camera. ``size_bytes`` is the PLY's size, ``splats_sha256`` its digest.
+    """
+
+    schema: int
+    condition: str
+    resolution: int
+    background: Colour
+    train_every: int
+    views: tuple[RenderedView, ...]
+    missing: tuple[str, ...]
+    splats: int
+    size_bytes: int
+    splats_sha256: str
+
+    def save(self, folder: Path) -> None:
+        """Write ``folder/views.json``."""
+        _write_json(folder / VIEWS_FILE, asdict(self))
+
+    @classmethod
+    def load(cls, folder: Path) -> "RenderedViews":
+        """Read ``folder/views.json``; raises :class:`InputError` when it is not there or broken."""
+        path = folder / VIEWS_FILE
+        try:
+            data = json.loads(path.read_text(encoding="utf-8"))
+            views = tuple(RenderedView(**row) for row in data.pop("views"))
+            background, missing = tuple(data.pop("background")), tuple(data.pop("missing"))
+            return cls(**data, views=views, background=background, missing=missing)
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise InputError(f"{path}: expected the list of rendered views: {error}") from error
+
+
+def render_views(
+    scene: Scene,
+    splats_ply: Path,
+    condition: Condition,
+    resolution: int,
+    out: Path,
+    *,
+    background: Colour = WHITE,
+    train_every: int = 1,
+    threads: int = 1,
+    progress: Progress = no_progress,
+) -> RenderedViews:
+    """Render all registered test views, and every ``train_every``-th training view, into ``out``.
+
+    ``resolution`` is the longest side in pixels. ``background`` is the colour that ``original``
+    was trained over; ``nobg`` is always shown over white, as its truth is. Raises
+    :class:`StageError` when no test view has a camera.
+    """
+    shown: Colour = WHITE if condition.background == "nobg" else background
+    chosen = [*scene.registered("test"), *scene.registered("train")[::train_every]]
+    missing = tuple(v.name for v in scene.views if v.split == "test" and v.camera is None)
+    if not scene.registered("test"):
+        raise StageError(
+            f"scene {scene.name}: expected test views with a camera, found none of {len(missing)}"
+        )
+    splats = read_ply(splats_ply)
+    rendered = []
+    for index, view in enumerate(chosen):
+        target = load_view(view, condition.background, resolution)
+        pixels = render_view(splats, target.camera, shown, threads=threads)
+        _save(out / "renders" / view.split / f"{view.name}.png", pixels)
+        _save(out / "truth" / view.split / f"{view.name}.png", _bytes(target.image))
+        if view.mask is not None:
+            _save(out / "masks" / view.split / f"{view.name}.png", _bytes(target.mask))
+        rendered.append(RenderedView(view.name, view.split, view.mask is not None))
+        progress(index + 1, len(chosen), f"{view.name} rendered")
+    result = RenderedViews(
+        schema=SCHEMA,
+        condition=str(condition),
+        resolution=resolution,
+        background=shown,
+        train_every=train_every,
+        views=tuple(rendered),
+        missing=missing,
+        splats=len(splats),
+        size_bytes=splats_ply.stat().st_size,
+        splats_sha256=file_digest(splats_ply),
+    )
+    result.save(out)
+    return result
+
+
+def score(
+    folder: Path, *, ssim_lambda: float = 0.2, progress: Progress = no_progress
+) -> dict[str, Any]:
+    """Score the renders stored in ``folder`` and write its ``evaluation.json``.
+
+    The result holds ``metrics`` (means over views by id, training views as ``train_…``; absent
+    where no view has the metric), ``per_view`` (a list of objects with ``view``, ``split`` and the
+    image metrics), ``missing`` (test views that could not be rendered), ``counts`` of what went
+    into each mean, and digests of what was scored. ``ssim_lambda`` is λ of the loss. Raises
+    :class:`InputError` for files that are missing or do not fit each other.
+    """
+    rendered = RenderedViews.load(folder)
+    per_view: list[dict[str, Any]] = []
+    for index, view in enumerate(rendered.views):
+        per_view.append(_score_one(folder, view, ssim_lambda))
+        progress(index + 1, len(rendered.views), f"{view.name} scored")
+    metrics: dict[str, float] = {}
+    counts: dict[str, int] = {}
+    for split in SPLITS:
+        prefix = "" if split == "test" else f"{split}_"
+        rows = [row for row in per_view if row["split"] == split]
+        for name in IMAGE_METRICS:
+            values = [row[name] for row in rows if row.get(name) is not None]
+            if values:
+                metrics[prefix + name] = float(np.mean(values))
+                counts[prefix + name] = len(values)
+    metrics |= {
+        "size_mb": rendered.size_bytes / BYTES_PER_MB,
+        "splats": rendered.splats,
+        "test_views": sum(view.split == "test" for view in rendered.views),
+        "missing_views": len(rendered.missing),
+    }
+    evaluation = {
+        "schema": SCHEMA,
+        "condition": rendered.condition,
+        "resolution": rendered.resolution,
+        "ssim_lambda": ssim_lambda,
+        "mask_erosion": SSIM_REACH,
+        "train_every": rendered.train_every,
+        "metrics": metrics,
+        "versions": {name: METRICS[name].version for name in metrics},
+        "counts": counts,
+        "per_view": per_view,
+        "missing": list(rendered.missing),
+        "digests": {
+            "renders": folder_digest(folder / "renders"),
+            "truth": folder_digest(folder / "truth"),
+            "splats": rendered.splats_sha256,
+        },
+    }
+    _write_json(folder / EVALUATION_FILE, evaluation)
+    return evaluation
+
+
+def measure_speed(
+    scene: Scene,
+    splats_ply: Path,
+    condition: Condition,
+    resolution: int,
+    *,
+    background: Colour = WHITE,
+    threads: int = 1,
+) -> dict[str, float]:
+    """Return metrics of rendering speed over the registered test views, by id.
+
+    ``fps``: views divided by the seconds of rendering them into memory, after a warm-up;
+    ``calibration``: seconds of the fixed workload, the fastest measured just before and just after;
+    ``fps_calibrated``: their product. Meant to run alone on its machine.
+    """
+    shown: Colour = WHITE if condition.background == "nobg" else background
+    cameras = [
+        view.camera.scaled(*size_at(view.width, view.height, resolution))
+        for view in scene.registered("test")
+        if view.camera is not None
+    ]
+    if not cameras:
+        raise StageError(f"scene {scene.name}: expected test views with a camera, found none")
+    splats = read_ply(splats_ply)
+    before = calibration.calibrate()
+    fps = measure_fps(splats, cameras, shown, threads=threads)
+    seconds = min(before, calibration.calibrate())
+    return {"fps": fps, "calibration": seconds, "fps_calibrated": fps * seconds}
+
+
+def _score_one(folder: Path, view: RenderedView, ssim_lambda: float) -> dict[str, Any]:
+    image = _read(folder, "renders", view, "RGB")
+    truth = _read(folder, "truth", view, "RGB")
+    if image.shape != truth.shape:
+        raise InputError(
+            f"{folder}: the render of {view.name} is {image.shape[1]} x {image.shape[0]}, its "
+            f"truth {truth.shape[1]} x {truth.shape[0]}; render the views again"
+        )
+    mask = _read(folder, "masks", view, "L") >= MASK_THRESHOLD if view.masked else None
+    attention = paper_attention(truth.astype(np.float32) / np.float32(255))
+    scores = score_view(image / 255, truth / 255, mask, attention, ssim_lambda)
+    return {"view": view.name, "split": view.split, **scores}
+
+
+def _read(
+    folder: Path, kind: str, view: RenderedView, mode: Literal["RGB", "L"]
+) -> NDArray[np.uint8]:
+    path = folder / kind / view.split / f"{view.name}.png"
+    try:
+        with Image.open(path) as image:
+            if image.mode != mode:
+                raise InputError(f"{path}: expected an 8-bit {mode} image, found {image.mode}")
+            pixels: NDArray[np.uint8] = np.asarray(image, dtype=np.uint8)
+            return pixels
+    except OSError as error:
+        raise InputError(f"{path}: expected a stored render: {error}") from error
+
+
+def _save(path: Path, pixels: NDArray[np.uint8]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    Image.fromarray(pixels).save(path, compress_level=PNG_EFFORT)
+
+
+def _bytes(values: NDArray[np.float32]) -> NDArray[np.uint8]:
+    pixels: NDArray[np.uint8] = np.rint(values * np.float32(255)).astype(np.uint8)
+    return pixels
+
+
+def _write_json(path: Path, document: Mapping[str, Any] | Sequence[Any]) -> None:
+    partial = path.with_name(f"{path.name}.part")
+    text = json.dumps(document, indent=1, sort_keys=True, allow_nan=False)
+    partial.write_text(text + "\n", encoding="utf-8")
+    partial.replace(path)

@@ -1,0 +1,211 @@
+"""What is measured: a table of metrics, and the image metrics themselves.
+
+Images are [H, W, 3] float32 or float64 in [0, 1], sRGB as stored, and multiples of 1/255: scores
+are of what a file can hold. Masks are [H, W] bool. PSNR, SSIM and L1 of a run are means over its
+views of the values per view.
+
+SSIM is the Gaussian form of Wang et al. 2004 (11 × 11 window, σ 1.5, population covariance) as
+scikit-image computes it: the mean leaves out the outermost 5 pixels. Inside a mask, L1 and squared
+error are means over the mask's pixels (a background that was multiplied away cannot lower them),
+and SSIM's map is averaged over the mask eroded by the window's reach, so that no window looks at
+what lies outside.
+"""
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from skimage.metrics import structural_similarity
+
+from mattgs_ops.errors import InputError
+
+Image = NDArray[np.floating]
+MaskArray = NDArray[np.bool_]
+
+SSIM_SIGMA = 1.5
+SSIM_WINDOW = 11
+SSIM_REACH = SSIM_WINDOW // 2  # pixels; also the erosion of masks
+PSNR_CEILING = 100.0  # dB; identical 8-bit images would be infinitely good
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A row of the table.
+
+    ``direction``: +1 more is better, −1 less is, 0 neither. ``version`` is raised when the meaning
+    of the number changes: values of different versions do not compare. ``decimals``: as printed.
+    """
+
+    id: str
+    label: str
+    direction: int
+    unit: str
+    decimals: int
+    description: str
+    version: int = 1
+
+
+_IMAGE = (
+    Metric("ssim", "SSIM", +1, "", 3, "structural similarity, full frame"),
+    Metric("psnr", "PSNR", +1, "dB", 2, "peak signal-to-noise ratio, full frame"),
+    Metric("l1", "L1", -1, "", 4, "mean absolute difference, full frame, not weighted"),
+    Metric("loss", "Loss", -1, "", 4, "(1 - λ) L1 + λ (1 - SSIM), not weighted"),
+    Metric("paper_l1", "L1 (eq. 15)", -1, "", 4, "mean of attention times absolute difference"),
+    Metric("paper_loss", "Loss (eq. 15)", -1, "", 4, "the loss with the weighted L1"),
+    Metric("mask_psnr", "PSNR in mask", +1, "dB", 2, "PSNR over the object's pixels"),
+    Metric("mask_ssim", "SSIM in mask", +1, "", 3, "SSIM's map averaged inside the eroded mask"),
+    Metric("mask_l1", "L1 in mask", -1, "", 4, "mean absolute difference over the object's pixels"),
+)
+_TRAINING = tuple(
+    replace(
+        metric,
+        id=f"train_{metric.id}",
+        label=f"Training {metric.label}",
+        description=f"{metric.description}; training views, the paper's protocol",
+    )
+    for metric in _IMAGE
+)
+_RUN = (
+    Metric("fps", "FPS", +1, "1/s", 1, "forward renderings of test views a second, no files"),
+    Metric("time", "Time", -1, "s", 1, "wall seconds of the training loop alone"),
+    Metric("time_cpu", "CPU time", -1, "s", 1, "CPU seconds of the training loop, all threads"),
+    Metric("size_mb", "Size(MB)", -1, "MB", 2, "bytes of the PLY divided by 10⁶"),
+    Metric("splats", "Splats", 0, "", 0, "number of Gaussians"),
+    Metric("calibration", "Calibration", 0, "s", 4, "seconds of the fixed workload, same process"),
+    Metric("fps_calibrated", "FPS calibrated", +1, "", 3, "frames in one calibration workload"),
+    Metric("test_views", "Test views", 0, "", 0, "held-out views that were scored"),
+    Metric("missing_views", "Missing", -1, "", 0, "held-out views without a camera: failures"),
+)
+METRICS: dict[str, Metric] = {m.id: m for m in (*_IMAGE, *_TRAINING, *_RUN)}
+IMAGE_METRICS = tuple(m.id for m in _IMAGE)
+
+
+def rounded(image: Image) -> NDArray[np.float64]:
+    """Return the image as an 8-bit file holds it: clamped, rounded to multiples of 1/255."""
+    values: NDArray[np.float64] = np.rint(np.clip(image, 0, 1).astype(np.float64) * 255) / 255
+    return values
+
+
+def psnr(image: Image, truth: Image) -> float:
+    """Return the peak signal-to-noise ratio in dB, at most ``PSNR_CEILING``."""
+    difference = _difference(image, truth)
+    return _decibels(float(np.mean(difference**2)))
+
+
+def l1(image: Image, truth: Image) -> float:
+    """Return the mean absolute difference over all pixels and channels."""
+    return float(np.mean(np.abs(_difference(image, truth))))
+
+
+def weighted_l1(image: Image, truth: Image, weights: NDArray[np.floating]) -> float:
+    """Return eq. 15: the mean over all pixels of weight [H, W] × absolute difference."""
+    return float(np.mean(weights[:, :, None] * np.abs(_difference(image, truth))))
+
+
+def ssim(image: Image, truth: Image) -> float:
+    """Return the structural similarity, the mean over channels and inner pixels."""
+    inner = _inner(ssim_map(image, truth))
+    return float(inner.mean())
+
+
+def ssim_map(image: Image, truth: Image) -> NDArray[np.float64]:
+    """Return SSIM at each pixel, [H, W], the mean over channels.
+
+    Raises :class:`InputError` for images smaller than the window.
+    """
+    _difference(image, truth)
+    if min(truth.shape[:2]) < SSIM_WINDOW:
+        raise InputError(
+            f"SSIM needs images of {SSIM_WINDOW} x {SSIM_WINDOW} pixels at least, found "
+            f"{truth.shape[1]} x {truth.shape[0]}: use a higher resolution"
+        )
+    _, full = structural_similarity(
+        np.asarray(image, dtype=np.float64),
+        np.asarray(truth, dtype=np.float64),
+        gaussian_weights=True,
+        sigma=SSIM_SIGMA,
+        use_sample_covariance=False,
+        data_range=1.0,
+        channel_axis=-1,
+        full=True,
+    )
+    values: NDArray[np.float64] = full.mean(axis=2)
+    return values
+
+
+def mask_psnr(image: Image, truth: Image, mask: MaskArray) -> float | None:
+    """Return PSNR over the mask's pixels; None for an empty mask."""
+    difference = _difference(image, truth)[mask]
+    return _decibels(float(np.mean(difference**2))) if difference.size else None
+
+
+def mask_l1(image: Image, truth: Image, mask: MaskArray) -> float | None:
+    """Return the mean absolute difference over the mask's pixels; None for an empty mask."""
+    difference = _difference(image, truth)[mask]
+    return float(np.mean(np.abs(difference))) if difference.size else None
+
+
+def mask_ssim(image: Image, truth: Image, mask: MaskArray) -> float | None:
+    """Return SSIM's map averaged inside the eroded mask; None when nothing is left of it."""
+    values = ssim_map(image, truth)[mask_core(mask)]
+    return float(values.mean()) if values.size else None
+
+
+def mask_core(mask: MaskArray) -> MaskArray:
+    """Erode a mask by SSIM's reach (a square window); outside the frame counts as background."""
+    window = np.ones((SSIM_WINDOW, SSIM_WINDOW), np.uint8)
+    border = cv2.BORDER_CONSTANT
+    eroded = cv2.erode(mask.astype(np.uint8), window, borderType=border, borderValue=0)
+    core: MaskArray = eroded.astype(np.bool_)
+    return core
+
+
+def score_view(
+    image: Image,
+    truth: Image,
+    mask: MaskArray | None,
+    attention: NDArray[np.floating],
+    ssim_lambda: float,
+) -> dict[str, float | None]:
+    """Return all image metrics of one view by id; None where a metric does not apply.
+
+    ``mask`` None: the view has no mask. ``attention`` [H, W] is A of eqs. 9–14 on ``truth``.
+    """
+    similarity = ssim_map(image, truth)
+    full_ssim, plain = float(_inner(similarity).mean()), l1(image, truth)
+    weighted = weighted_l1(image, truth, attention)
+    dissimilar = ssim_lambda * (1 - full_ssim)
+    scores: dict[str, float | None] = {
+        "ssim": full_ssim,
+        "psnr": psnr(image, truth),
+        "l1": plain,
+        "loss": (1 - ssim_lambda) * plain + dissimilar,
+        "paper_l1": weighted,
+        "paper_loss": (1 - ssim_lambda) * weighted + dissimilar,
+        "mask_psnr": None,
+        "mask_ssim": None,
+        "mask_l1": None,
+    }
+    if mask is not None:
+        inside = similarity[mask_core(mask)]
+        scores["mask_psnr"] = mask_psnr(image, truth, mask)
+        scores["mask_ssim"] = float(inside.mean()) if inside.size else None
+        scores["mask_l1"] = mask_l1(image, truth, mask)
+    return scores
+
+
+def _inner(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    return values[SSIM_REACH:-SSIM_REACH, SSIM_REACH:-SSIM_REACH]
+
+
+def _decibels(mean_square: float) -> float:
+    if mean_square <= 10 ** (-PSNR_CEILING / 10):
+        return PSNR_CEILING
+    return float(-10 * np.log10(mean_square))
+
+
+def _difference(image: Image, truth: Image) -> NDArray[np.float64]:
+    if image.shape != truth.shape or image.ndim != 3:
+        raise InputError(f"expected two images of one size, found {image.shape} and {truth.shape}")
+    return np.asarray(image, dtype=np.float64) - np.asarray(truth, dtype=np.float64)

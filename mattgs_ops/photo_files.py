@@ -1,0 +1,160 @@
+"""One photo on disk: find it, refuse what later stages would misread, decode it upright.
+
+A photo is an 8-bit colour picture (JPEG, PNG, TIFF, WebP or BMP), with straight alpha or without.
+COLMAP and ONNX Runtime skip or quietly misread anything else, so it is refused here, by name, with
+what to do about it. Decoding applies the EXIF orientation once; nothing downstream looks at it.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import ExifTags, Image, ImageOps, UnidentifiedImageError
+
+from mattgs_ops.errors import InputError
+
+FORMATS = ("JPEG", "PNG", "TIFF", "WEBP", "BMP")
+SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".mpo"})
+# Files that operating systems and other tools leave beside photos; everything else is named.
+IGNORED_FILES = frozenset({"thumbs.db", "desktop.ini", "transforms.json"})
+IGNORED_FOLDERS = frozenset({"masks"})
+PNG_BIT_DEPTH_OFFSET = 24  # byte of IHDR, PNG specification section 11.2.2
+TIFF_BITS_PER_SAMPLE = 258
+UNREADABLE = (OSError, SyntaxError, ValueError, Image.DecompressionBombError)
+
+
+@dataclass(frozen=True)
+class Photo:
+    """A decoded photo: ``rgb`` [H, W, 3] uint8; ``alpha`` [H, W] uint8, straight, or None."""
+
+    rgb: NDArray[np.uint8]
+    alpha: NDArray[np.uint8] | None
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height in pixels, upright."""
+        return self.rgb.shape[1], self.rgb.shape[0]
+
+
+def list_photos(folder: Path, masks: Path | None = None) -> tuple[list[Path], list[str]]:
+    """Return the files of ``folder`` that should be photos, sorted by name, and the problems.
+
+    Hidden files, ``Thumbs.db``, ``desktop.ini``, ``transforms.json``, a folder ``masks/`` and the
+    folder ``masks`` that the user named are passed over. Any other file that is not an image, and
+    any other folder, is a problem: photos that are silently left out would change the split.
+    """
+    photos, problems = [], []
+    for path in sorted(folder.iterdir(), key=lambda p: p.name):
+        lower = path.name.lower()
+        if path.name.startswith(".") or lower in IGNORED_FILES:
+            continue
+        if path.is_dir():
+            own = masks is not None and masks.resolve() == path.resolve()
+            if lower not in IGNORED_FOLDERS and not own:
+                problems.append(
+                    f"{path}: a folder among the photos; all photos are read from one flat "
+                    "folder: move it elsewhere"
+                )
+        elif path.suffix.lower() in SUFFIXES or _is_image(path):
+            photos.append(path)
+        else:
+            problems.append(
+                f"{path}: not an image; remove it or move it to another folder{_hint(lower)}"
+            )
+    return photos, problems
+
+
+def has_exif_rotation(path: Path) -> bool:
+    """Say whether the file asks to be turned or mirrored by its EXIF orientation."""
+    with Image.open(path, formats=FORMATS) as image:
+        return image.getexif().get(ExifTags.Base.Orientation, 1) not in (0, 1)
+
+
+def decode(path: Path) -> Photo:
+    """Decode a photo upright; raises :class:`InputError` naming the file and what to do.
+
+    An alpha channel that is opaque everywhere counts as none.
+    """
+    try:
+        with Image.open(path, formats=FORMATS) as image:
+            _refuse_unsuitable(path, image)
+            upright = ImageOps.exif_transpose(image)
+            transparent = upright.has_transparency_data
+            pixels = np.asarray(upright.convert("RGBA" if transparent else "RGB"))
+    except UnidentifiedImageError as error:
+        raise InputError(
+            f"{path}: cannot be read as an image; replace it by an intact copy or remove it"
+        ) from error
+    except UNREADABLE as error:
+        raise InputError(
+            f"{path}: damaged or cut short ({error}); replace it by an intact copy or remove it"
+        ) from error
+    rgb = np.ascontiguousarray(pixels[..., :3])
+    alpha = np.ascontiguousarray(pixels[..., 3]) if transparent else None
+    if alpha is not None and bool((alpha == 255).all()):
+        alpha = None
+    if alpha is None and _has_no_colour(rgb):
+        raise InputError(_grey(path))
+    return Photo(rgb, alpha)
+
+
+def on_white(photo: Photo) -> NDArray[np.uint8]:
+    """Composite straight alpha over white, rounded to 8 bits: ``a * rgb + (1 - a) * 255``."""
+    if photo.alpha is None:
+        return photo.rgb
+    alpha = photo.alpha[..., None].astype(np.uint32)
+    blend = photo.rgb * alpha + 255 * (255 - alpha)
+    return ((blend + 127) // 255).astype(np.uint8)
+
+
+def bit_depth(path: Path, image: Image.Image) -> int:
+    """Bits per channel as stored; Pillow alone would cut 16-bit colour to 8 without a word."""
+    if image.mode.startswith(("I", "F")):
+        return 32 if image.mode in ("I", "F") else 16
+    if image.format == "PNG":
+        with path.open("rb") as file:
+            return max(8, file.read(PNG_BIT_DEPTH_OFFSET + 1)[PNG_BIT_DEPTH_OFFSET])
+    if image.format == "TIFF":
+        bits = image.tag_v2.get(TIFF_BITS_PER_SAMPLE, (8,))  # type: ignore[attr-defined]
+        return int(max(bits))
+    return 8
+
+
+def _refuse_unsuitable(path: Path, image: Image.Image) -> None:
+    depth = bit_depth(path, image)
+    if depth > 8:
+        raise InputError(f"{path}: {depth} bits per channel; save it with 8 bits per channel")
+    if image.mode in ("1", "L", "LA", "La"):
+        raise InputError(_grey(path))
+    if image.mode == "CMYK":
+        raise InputError(f"{path}: CMYK colours; save it as RGB")
+    frames = getattr(image, "n_frames", 1)
+    if frames > 1 and image.format != "MPO":  # phones store a preview as an MPO's second picture
+        raise InputError(f"{path}: holds {frames} pictures; save one picture per file")
+
+
+def _grey(path: Path) -> str:
+    return f"{path}: a grey photo; colour is needed: replace it by the colour original or remove it"
+
+
+def _has_no_colour(rgb: NDArray[np.uint8]) -> bool:
+    return bool((rgb[..., 0] == rgb[..., 1]).all() and (rgb[..., 1] == rgb[..., 2]).all())
+
+
+def _is_image(path: Path) -> bool:
+    try:
+        with Image.open(path, formats=FORMATS):
+            return True
+    except UNREADABLE:  # UnidentifiedImageError is an OSError
+        return False
+
+
+def _hint(lower_name: str) -> str:
+    if lower_name.endswith((".heic", ".heif", ".avif")):
+        return " (this format is not read: convert it to JPEG)"
+    if lower_name.endswith((".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf")):
+        return " (raw files are not read: develop them to JPEG)"
+    if lower_name.endswith((".mp4", ".mov", ".avi", ".mkv")):
+        return " (videos are not read: extract sharp frames as photos)"
+    return ""

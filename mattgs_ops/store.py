@@ -1,0 +1,240 @@
+"""Finished stages, addressed by what went into them, on a local folder.
+
+A **key** is the digest of a stage's name, its code version, its parameters and its inputs' digests.
+Under the store's root::
+
+    STAGE/DIGEST/files/…         what the stage produced
+    STAGE/DIGEST/manifest.json   names, sizes and SHA-256 of the files; what the key was made of
+    work/STAGE-DIGEST/           a stage in progress; survives a kill
+    locks/STAGE-DIGEST           empty; the kernel lock on it names the one who works
+
+An artifact appears whole or not at all: it is moved into place by one rename. Two processes never
+do the same stage at once: the second waits, then finds the result. The lock is the kernel's, so a
+killed owner frees it. An artifact whose files are not as its manifest says is logged, removed and
+made again.
+"""
+
+import fcntl
+import json
+import logging
+import os
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel
+
+from mattgs_ops.digests import file_digest, json_digest, list_files, tree_digest
+from mattgs_ops.errors import InputError, StageError
+
+SCHEMA = 1
+DIGEST_LETTERS = 32  # 128 bits name a folder
+MANIFEST = "manifest.json"
+FILES = "files"
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class StageKey:
+    """What determines a stage's result; as text its place in the store, ``STAGE/DIGEST``."""
+
+    stage: str
+    code_version: str
+    params: Mapping[str, Any]
+    inputs: Mapping[str, str]
+
+    @property
+    def digest(self) -> str:
+        """Name of the artifact's folder."""
+        return json_digest(self.parts())[:DIGEST_LETTERS]
+
+    def parts(self) -> dict[str, Any]:
+        """Return what the digest is made of, as JSON values."""
+        return {
+            "stage": self.stage,
+            "code_version": self.code_version,
+            "params": dict(self.params),
+            "inputs": dict(self.inputs),
+        }
+
+    def __str__(self) -> str:
+        return f"{self.stage}/{self.digest}"
+
+
+def stage_key(
+    stage: str, code_version: str, params: BaseModel | Mapping[str, Any], inputs: Mapping[str, str]
+) -> StageKey:
+    """Make a key; ``inputs`` maps names to digests of contents.
+
+    Raises TypeError for parameters that JSON cannot hold: a path is no parameter, the digest of
+    what lies there is an input.
+    """
+    if not stage or not stage.replace("-", "").replace("_", "").isalnum():
+        raise InputError(f"stage {stage!r}: expected letters, digits, - and _")
+    values = params.model_dump(mode="json") if isinstance(params, BaseModel) else dict(params)
+    key = StageKey(stage, code_version, values, dict(inputs))
+    json_digest(key.parts())  # refuses now what it would refuse later
+    return key
+
+
+@dataclass(frozen=True)
+class Finished:
+    """An artifact in the store.
+
+    ``folder`` holds its files; ``digest`` covers their names and contents; ``extra`` is what the
+    stage's runner added (seconds, for example).
+    """
+
+    key: str
+    folder: Path
+    digest: str
+    size: int
+    extra: Mapping[str, Any]
+
+
+class Slot:
+    """A key's place while its lock is held: ``finished``, or a ``work`` folder to fill."""
+
+    def __init__(self, store: "Store", key: StageKey, finished: Finished | None, work: Path):
+        self.key = key
+        self.work = work
+        self.finished = finished
+        self._store = store
+
+    def finish(self, extra: Mapping[str, Any] | None = None) -> Finished:
+        """Move ``work`` into the store; raises :class:`StageError` when it is empty."""
+        if self.finished is not None:
+            raise StageError(f"{self.key}: already finished; expected no second result")
+        self.finished = self._store._publish(self.key, self.work.parent, dict(extra or {}))
+        return self.finished
+
+
+class Store:
+    """A store on a local folder, made on first use. Holds no state: instances are cheap."""
+
+    def __init__(self, root: Path):
+        self.root = root.resolve()
+
+    def folder(self, key: StageKey | str) -> Path:
+        """Return where an artifact's files lie, or would lie."""
+        return self.root / str(key) / FILES
+
+    def find(self, key: StageKey | str, *, contents: bool = True) -> Finished | None:
+        """Return the artifact if it is there and intact, else None.
+
+        Names and sizes are always compared with the manifest; SHA-256 digests too with
+        ``contents``. Never changes anything.
+        """
+        place = self.root / str(key)
+        if not place.is_dir():
+            return None
+        try:
+            manifest = json.loads((place / MANIFEST).read_text(encoding="utf-8"))
+            problem = _damage(place / FILES, manifest["files"], contents=contents)
+            if problem is None:
+                size = sum(row["bytes"] for row in manifest["files"].values())
+                return Finished(
+                    str(key), place / FILES, manifest["digest"], size, manifest["extra"]
+                )
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            problem = f"unreadable manifest ({error})"
+        log.warning("%s is damaged: %s; it will be made again", key, problem)
+        return None
+
+    def require(self, key: StageKey | str) -> Finished:
+        """Return the artifact; raises :class:`StageError` when it is missing or damaged."""
+        found = self.find(key)
+        if found is None:
+            raise StageError(
+                f"{self.root / str(key)}: expected a finished stage, found none intact"
+            )
+        return found
+
+    @contextmanager
+    def stage(self, key: StageKey, *, resume: bool = False) -> Iterator[Slot]:
+        """Hold the key's lock, waiting for it; yields what is there, or a folder to fill.
+
+        A work folder left by a kill or an error is handed on with ``resume`` and emptied without.
+        When the block ends without :meth:`Slot.finish`, the work stays and nothing is stored.
+        """
+        with self._lock(key):
+            finished = self.find(key)
+            place = self.root / "work" / str(key).replace("/", "-")
+            if finished is None:
+                _remove(self.root / str(key))
+                if not resume:
+                    _remove(place)
+                (place / FILES).mkdir(parents=True, exist_ok=True)
+            yield Slot(self, key, finished, place / FILES)
+
+    @contextmanager
+    def _lock(self, key: StageKey) -> Iterator[None]:
+        path = self.root / "locks" / str(key).replace("/", "-")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("wb") as file:  # never removed: others may already wait on this inode
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                log.info("%s: another process is at it; waiting for its result", key)
+                fcntl.flock(file, fcntl.LOCK_EX)
+            yield
+
+    def _publish(self, key: StageKey, place: Path, extra: dict[str, Any]) -> Finished:
+        rows: dict[str, dict[str, Any]] = {
+            name: {"bytes": path.stat().st_size, "sha256": file_digest(path)}
+            for name, path in list_files(place / FILES).items()
+        }
+        if not rows:
+            raise StageError(f"{key}: the stage produced no files")
+        digest = tree_digest({name: row["sha256"] for name, row in rows.items()})
+        manifest = {
+            "schema": SCHEMA,
+            "key": str(key),
+            **key.parts(),
+            "digest": digest,
+            "created": datetime.now(UTC).isoformat(timespec="seconds"),
+            "extra": extra,
+            "files": rows,
+        }
+        text = json.dumps(manifest, indent=1, sort_keys=True, allow_nan=False)
+        with (place / MANIFEST).open("w", encoding="utf-8") as file:
+            file.write(text + "\n")
+            file.flush()
+            os.fsync(file.fileno())
+        final = self.root / str(key)
+        final.parent.mkdir(parents=True, exist_ok=True)
+        place.rename(final)
+        size = sum(row["bytes"] for row in rows.values())
+        return Finished(str(key), final / FILES, digest, size, extra)
+
+
+def _damage(folder: Path, rows: Mapping[str, Any], *, contents: bool) -> str | None:
+    """Say what differs between files and manifest, or None."""
+    try:
+        files = list_files(folder)
+    except InputError as error:
+        return str(error)
+    if files.keys() != rows.keys():
+        names = sorted(files.keys() ^ rows.keys())
+        return f"{names[0]} is {'not expected' if names[0] in files else 'missing'}"
+    for name, path in files.items():
+        found = path.stat().st_size
+        if found != rows[name]["bytes"]:
+            return f"{name} has {found} bytes instead of {rows[name]['bytes']}"
+    if contents:
+        for name, path in files.items():
+            if file_digest(path) != rows[name]["sha256"]:
+                return f"{name} has other contents"
+    return None
+
+
+def _remove(place: Path) -> None:
+    """Remove a folder, its manifest first: half a removal must not look like an artifact."""
+    (place / MANIFEST).unlink(missing_ok=True)
+    if place.exists():
+        shutil.rmtree(place)

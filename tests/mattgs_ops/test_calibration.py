@@ -1,0 +1,41 @@
+"""The fixed workload is fixed: the same numbers each time, and work that is not skipped."""
+
+import ast
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mattgs_ops import calibration
+
+
+def test_the_workload_is_the_same_each_time_and_takes_time() -> None:
+    inputs = calibration._inputs()
+    first = calibration.workload(*inputs)
+    assert first == calibration.workload(*calibration._inputs())
+    assert calibration.calibrate(repeats=2) > 1e-4
+
+
+def test_the_result_depends_on_every_part() -> None:
+    cache, table, places = calibration._inputs()
+    first = calibration.workload(cache, table, places)
+    assert calibration.workload(cache + np.float32(1), table, places) != first
+    assert calibration.workload(cache, table * np.float32(2), places) != first
+
+
+def test_compositing_follows_the_formula() -> None:
+    """With the table at zero: colour adds up to 1 minus the light that is left."""
+    cache = np.array([0.3, 0.7], np.float32)
+    table = np.zeros(4, np.float32)
+    light = np.ones(2)
+    for step in range(calibration.CACHE_ROUNDS):
+        light *= 1 - 0.02 * np.exp(-(0.5 + step / calibration.CACHE_ROUNDS) * cache)
+    found = calibration.workload(cache, table, np.arange(4))
+    assert found == pytest.approx(float(np.mean(1 - light)), abs=1e-4)
+
+
+def test_the_engine_takes_no_part() -> None:
+    tree = ast.parse(Path(calibration.__file__).read_text(encoding="utf-8"))
+    named = {n.module for n in ast.walk(tree) if isinstance(n, ast.ImportFrom)}
+    named |= {a.name for n in ast.walk(tree) if isinstance(n, ast.Import) for a in n.names}
+    assert named == {"time", "numpy", "numpy.typing"}

@@ -1,0 +1,91 @@
+"""One frozen object is the TOML file, the command line and the flow's parameter."""
+
+from pathlib import Path
+
+import pytest
+from pydantic import ValidationError
+
+from mattgs_ops.config import (
+    METHODS,
+    PAPER_CONDITIONS,
+    BenchmarkConfig,
+    CaptureConfig,
+    Condition,
+    load_toml,
+)
+from mattgs_ops.errors import InputError
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "benchmark.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_the_default_is_the_papers_grid_on_the_bundled_captures() -> None:
+    config = BenchmarkConfig()
+    assert [c.name for c in config.captures] == ["rover", "hexapod", "lattepanda"]
+    assert config.conditions == PAPER_CONDITIONS
+
+
+def test_it_survives_json_unchanged_as_a_flow_parameter_must() -> None:
+    config = BenchmarkConfig(seeds=(0, 1), iterations=7)
+    assert BenchmarkConfig.model_validate_json(config.model_dump_json()) == config
+
+
+def test_it_is_frozen() -> None:
+    with pytest.raises(ValidationError, match="frozen"):
+        BenchmarkConfig().iterations = 3  # type: ignore[misc]
+
+
+def test_toml_paths_are_relative_to_the_file(tmp_path: Path) -> None:
+    path = write(tmp_path, '[[captures]]\nname = "mine"\npath = "photos"\n')
+    assert load_toml(path).captures == (CaptureConfig(name="mine", path=tmp_path / "photos"),)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("iteration = 3", "unknown key `iteration`"),
+        ("[sfm]\nmod = 'masked'", "unknown key `sfm.mod`"),
+        ("resolution = 2", r"`resolution`.*16, found 2"),
+        ("[sfm]\nmode = 'best'", r"`sfm.mode`.*'masked'.*found 'best'"),
+        ("conditions = ['nobg']", r"expected BACKGROUND-METHOD"),
+        ("conditions = ['nobg-theirs']", r"method 'theirs': expected one of .*3dgs"),
+        ("seeds = [1, 1]", r"`seeds`: expected different ones"),
+        ("captures = []", r"`captures`: expected at least one"),
+        ("[[captures]]\nname = 'toaster'", r"no bundled capture is called 'toaster'"),
+        ("name = 'a b'", r"`name`"),
+        ("iterations = ", r"expected a readable TOML file"),
+    ],
+)
+def test_a_bad_file_is_refused_naming_file_field_and_value(
+    tmp_path: Path, text: str, message: str
+) -> None:
+    path = write(tmp_path, text)
+    with pytest.raises(InputError, match=message) as caught:
+        load_toml(path)
+    assert str(path) in str(caught.value)
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"nowhere\.toml"):
+        load_toml(tmp_path / "nowhere.toml")
+
+
+def test_a_method_of_ones_own_is_a_row_not_a_code_path() -> None:
+    config = BenchmarkConfig.model_validate(
+        {"methods": {"mine": {"weighting": "residual"}}, "conditions": ["nobg-mine"]}
+    )
+    assert config.method("mine").weighting == "residual"
+    assert config.method("3dgs") == METHODS["3dgs"]
+
+
+def test_plain_3dgs_switches_nothing_of_ours_on() -> None:
+    plain = METHODS["3dgs"]
+    assert (plain.weighting, plain.prune, plain.prune_initial) == ("none", "none", False)
+
+
+@pytest.mark.parametrize("text", PAPER_CONDITIONS)
+def test_a_condition_reads_back_as_it_is_written(text: str) -> None:
+    assert str(Condition.parse(text)) == text

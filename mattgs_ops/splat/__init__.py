@@ -1,0 +1,1 @@
+"""3D Gaussian splatting on a CPU: parameters, compiled engine, training, rendering."""

@@ -1,0 +1,192 @@
+// What the parts of the engine share: plain structs, plain pointers, one table of kernels per
+// instruction set.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+namespace mattgs {
+
+constexpr int TILE = 32;                        // pixels, both ways
+constexpr int STRIP = 8;                        // columns that share a span of rows
+constexpr int STRIPS = TILE / STRIP;
+constexpr float LOW_PASS = 0.3f;                // px^2 added to the projected covariance (3DGS)
+constexpr float ALPHA_MAX = 0.99f;              // 3DGS
+constexpr float ALPHA_MIN = 1.0f / 255.0f;      // 3DGS
+constexpr float LOG2_ALPHA_MIN = -7.994353436858858f;
+constexpr float T_MIN = 1e-4f;                  // transmittance at which a pixel is finished (3DGS)
+constexpr float NEAR_PLANE = 0.2f;              // 3DGS
+constexpr float FOV_MARGIN = 0.3f;              // of tan(fov/2): where the Jacobian is clamped (3DGS)
+constexpr float FAR_TOO_BIG = 1e6f;             // px: an ellipse that counts as covering the image
+constexpr float HALF_LOG2E = 0.7213475204444817f;
+constexpr float LN2 = 0.6931471805599453f;
+constexpr float LOG_SCALE_LIMIT = 40.0f;        // e^40: keeps float32 finite, far beyond any scene
+constexpr int SH_REST = 15;
+
+struct Camera {
+    float rotation[9];     // world to camera, row major
+    float translation[3];
+    float centre[3];       // of the camera, in the world
+    float fx, fy, cx, cy;
+    int32_t width, height;
+    float x_low, x_high, y_low, y_high;  // limits of x/z and y/z in the Jacobian
+};
+
+// Parameters, or their gradients: [n,3], [n,3], [n,4], [n], [n,3], [n,15,3].
+template <class T>
+struct SplatArrays {
+    T* means;
+    T* log_scales;
+    T* quaternions;
+    T* opacity_logits;
+    T* sh_dc;
+    T* sh_rest;
+    int64_t count;
+};
+
+// A projected splat. With dx, dy the offset of a pixel from (x, y):
+// u = sx*dx + sy*dy, log2(alpha) = peak - u^2 - fall*dy^2. This is the Cholesky form of
+// -log2(e)/2 * d^T Sigma^-1 d: it does not lose digits when the splat is a thin needle.
+struct alignas(16) Projected {
+    float x, y, sx, sy, fall, peak;
+    float red, green, blue;
+    float extent_x, extent_y;   // half sizes of the ellipse alpha >= 1/255, px
+    float curve;                // alpha's second ratio from row to row, 2^(-2 (sy^2 + fall)); or
+                                // -1: too thin for that, see pixel.h
+};
+static_assert(sizeof(Projected) == 48);
+
+// A splat in a tile: for each strip of 8 columns the rows [first, last) it may touch.
+struct Pair {
+    uint32_t rank;              // position in depth order
+    uint8_t first[STRIPS], last[STRIPS];
+};
+static_assert(sizeof(Pair) == 12);
+
+// Sums over the pixels of one pair; q = alpha * dL/dalpha, w = blending weight.
+enum Slot {
+    SUM_Q, SUM_QU, SUM_QUU, SUM_QY, SUM_QUY, SUM_QYY, SUM_RED, SUM_GREEN,
+    SUM_BLUE, SUM_ABS_X, SUM_ABS_Y, SUM_W, SUM_WMAP, SLOT_SIZE = 16
+};
+constexpr int SLOT_SIZE_PLAIN = 12;  // without statistics only the first nine are kept
+
+// What the forward pass leaves behind for each pixel of a tile, strips of LANES columns first.
+struct TilePixels {
+    float transmittance[TILE * TILE];
+    int32_t stop[TILE * TILE];  // pairs before this position of the tile's list were blended
+};
+
+struct TileView {
+    const Projected* splats;    // by rank
+    const Pair* pairs;          // this tile's, front to back
+    int32_t pair_count;
+    int32_t x0, y0;             // first pixel
+    int32_t width, height;      // of the whole image
+};
+
+struct ForwardTile {
+    TileView view;
+    TilePixels* pixels;
+    float background[3];
+    float* image;               // [height, width, 3]
+    float* alpha;               // [height, width]
+    int32_t processed;          // out: pairs looked at before every pixel was finished
+};
+
+struct BackwardTile {
+    TileView view;
+    const TilePixels* pixels;
+    float background[3];
+    const float* grad_image;    // [height, width, 3]
+    const float* grad_alpha;    // [height, width] or null
+    const float* pixel_map;     // [height, width] or null
+    float* slots;               // this tile's, one after the other as its pairs are
+    bool statistics;
+    int32_t processed;
+};
+
+struct BinningChunk {
+    const Projected* unsorted;  // by splat
+    const uint32_t* order;      // splat of each rank
+    int64_t first, last;        // ranks; first advances as far as the capacity allows
+    int32_t width, height, tiles_x, tiles_y;
+    Projected* sorted;          // out, by rank
+    Pair* pairs;                // out
+    uint32_t* tiles;            // out: tile of each pair
+    int64_t capacity, written;  // of pairs and tiles
+    uint32_t* splat_pairs;      // out, by splat: how many pairs,
+    uint32_t* splat_first;      // and the first of them, counted from the chunk's start
+    uint32_t* histogram;        // [tiles_x * tiles_y], added to
+};
+
+struct LossImages {
+    const float* image;         // [height, width, 3]
+    const float* target;
+    const float* weight;        // [height, width] or null: all ones
+    int32_t width, height;
+    float ssim_lambda;
+    float* grad;                // out, [height, width, 3]
+};
+
+struct LossSums {               // over one row's values
+    double l1, weighted, ssim;
+};
+
+struct AdamStep {
+    float* values;
+    const float* grads;
+    float* first_moments;
+    float* second_moments;
+    int64_t count;
+    float rate, beta1, beta2, epsilon;
+    float correction1, correction2;  // 1 / (1 - beta^t)
+};
+
+struct SplatSums {
+    const uint32_t* pairs;      // by splat: how many,
+    const uint32_t* first_pair; // and the first of them in `positions`
+    const uint32_t* positions;  // of each pair's slot
+    const float* slots;
+    bool statistics;
+};
+
+struct SplatGradients {
+    SplatArrays<float> parameters;
+    float *means2d, *means2d_abs, *weight, *weighted_map;
+};
+
+// One instruction set's kernels; all work on ranges, none allocates or throws.
+struct Kernels {
+    const char* name;
+    int lanes;
+    // Splats [first, last): fills projected, depths, radii, means2d; depth 0 = not visible.
+    // Returns how many have a parameter that is NaN or infinite.
+    int64_t (*project)(const SplatArrays<const float>&, const Camera&, int sh_degree, int64_t first,
+                       int64_t last, Projected*, float* depths, float* radii, float* means2d);
+    // dL/dparameters of splats [first, last) from the sums of their pairs.
+    void (*project_backward)(const SplatArrays<const float>&, const Camera&, int sh_degree,
+                             int64_t first, int64_t last, const SplatSums&,
+                             const SplatGradients&);
+    void (*bin)(BinningChunk&);
+    void (*forward)(ForwardTile&);
+    void (*backward)(const BackwardTile&);
+    // Rows [first, last): gradient and one LossSums a row; scratch holds loss_scratch(width).
+    void (*loss)(const LossImages&, int32_t first, int32_t last, LossSums*, float* scratch);
+    void (*adam)(const AdamStep&);
+    // Multiply-adds on registers alone; returns how many floating-point operations.
+    double (*multiply_add)(int64_t rounds, float* sink);
+};
+
+// The best table that this CPU can run, or the one called `name`; null when there is none such.
+const Kernels* choose_kernels(const char* name);
+
+// Floats of scratch that loss() needs for one thread.
+constexpr int LOSS_PAD = 16;        // floats either side of a row: 5 pixels of 3 values, and one
+constexpr int LOSS_BLOCK = 4;       // rows at a time
+constexpr int LOSS_MAPS = 3;        // derivatives of SSIM
+constexpr int LOSS_RING = 16;       // rows of each that are kept: 2 * 5 + LOSS_BLOCK, and some
+constexpr int LOSS_ROWS = LOSS_MAPS * LOSS_RING + 4 * LOSS_BLOCK + 1;
+inline int64_t loss_stride(int64_t width) { return (3 * width + 2 * LOSS_PAD + 31) / 16 * 16; }
+inline int64_t loss_scratch(int64_t width) { return LOSS_ROWS * loss_stride(width); }
+
+}  // namespace mattgs

@@ -1,0 +1,29 @@
+// The kernels of one instruction set; each is defined in the file named beside it.
+#pragma once
+
+#include "engine.h"
+
+namespace mattgs {
+namespace MATTGS_ISA {
+
+// project.cpp
+int64_t project(const SplatArrays<const float>&, const Camera&, int sh_degree, int64_t first,
+                int64_t last, Projected*, float* depths, float* radii, float* means2d);
+void project_backward(const SplatArrays<const float>&, const Camera&, int sh_degree, int64_t first,
+                      int64_t last, const SplatSums&, const SplatGradients&);
+// binning.cpp
+void bin(BinningChunk&);
+// forward.cpp, backward.cpp
+void forward(ForwardTile&);
+void backward(const BackwardTile&);
+// loss.cpp
+void loss(const LossImages&, int32_t first, int32_t last, LossSums*, float* scratch);
+// adam.cpp
+void adam(const AdamStep&);
+// peak.cpp
+double multiply_add(int64_t rounds, float* sink);
+
+const Kernels& table();
+
+}  // namespace MATTGS_ISA
+}  // namespace mattgs

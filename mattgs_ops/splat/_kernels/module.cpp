@@ -1,0 +1,223 @@
+// Python bindings: plain buffers in, plain buffers out. Shapes are checked here a second time, so
+// that no caller can make the kernels read beyond an array; messages for people are Python's job.
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/array.h>
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/tuple.h>
+
+#include <array>
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <string>
+#include <tuple>
+
+#include "threads.h"
+#include "workspace.h"
+
+namespace nb = nanobind;
+using namespace nb::literals;
+
+namespace mattgs {
+namespace {
+
+using In = nb::ndarray<const float, nb::c_contig, nb::device::cpu>;
+using Out = nb::ndarray<float, nb::c_contig, nb::device::cpu>;
+using SplatsIn = std::tuple<In, In, In, In, In, In>;
+using SplatsOut = std::tuple<Out, Out, Out, Out, Out, Out>;
+
+const Kernels* active = nullptr;
+constexpr int MAX_THREADS = 1024;
+constexpr int64_t ADAM_VALUES_PER_TASK = 1 << 15;
+
+template <class Array>
+auto data_of(const Array& a, std::initializer_list<int64_t> shape, const char* name) {
+    bool same = a.ndim() == shape.size();
+    std::size_t i = 0;
+    for (const int64_t n : shape) same = same && static_cast<int64_t>(a.shape(i++)) == n;
+    if (!same) throw nb::value_error((std::string(name) + ": unexpected shape").c_str());
+    return a.data();
+}
+
+template <class T, class Tuple>
+SplatArrays<T> splats_of(const Tuple& t) {
+    const auto& means = std::get<0>(t);
+    if (means.ndim() != 2) throw nb::value_error("means: unexpected shape");
+    const int64_t n = static_cast<int64_t>(means.shape(0));
+    return {data_of(means, {n, 3}, "means"),
+            data_of(std::get<1>(t), {n, 3}, "log_scales"),
+            data_of(std::get<2>(t), {n, 4}, "quaternions"),
+            data_of(std::get<3>(t), {n}, "opacity_logits"),
+            data_of(std::get<4>(t), {n, 3}, "sh_dc"),
+            data_of(std::get<5>(t), {n, SH_REST, 3}, "sh_rest"),
+            n};
+}
+
+int checked_threads(int threads) {
+    if (threads < 1 || threads > MAX_THREADS) throw nb::value_error("threads: expected 1 to 1024");
+    return threads;
+}
+
+// World to camera as 9 + 3 floats; fx, fy, cx, cy.
+Camera camera_of(const std::array<double, 9>& r, const std::array<double, 3>& t,
+                 const std::array<double, 4>& k, int width, int height) {
+    if (width < 1 || height < 1) throw nb::value_error("camera: expected a positive size");
+    Camera c{};
+    for (int i = 0; i < 9; ++i) c.rotation[i] = static_cast<float>(r[i]);
+    for (int i = 0; i < 3; ++i) {
+        c.translation[i] = static_cast<float>(t[i]);
+        c.centre[i] = static_cast<float>(-(r[i] * t[0] + r[3 + i] * t[1] + r[6 + i] * t[2]));
+    }
+    c.fx = static_cast<float>(k[0]);
+    c.fy = static_cast<float>(k[1]);
+    c.cx = static_cast<float>(k[2]);
+    c.cy = static_cast<float>(k[3]);
+    c.width = width;
+    c.height = height;
+    const double half_x = 0.5 * width / k[0], half_y = 0.5 * height / k[1];
+    c.x_low = static_cast<float>(-k[2] / k[0] - FOV_MARGIN * half_x);
+    c.x_high = static_cast<float>((width - k[2]) / k[0] + FOV_MARGIN * half_x);
+    c.y_low = static_cast<float>(-k[3] / k[1] - FOV_MARGIN * half_y);
+    c.y_high = static_cast<float>((height - k[3]) / k[1] + FOV_MARGIN * half_y);
+    return c;
+}
+
+void render(Rendering& rendering, const SplatsIn& splats, const Out& image, const Out& alpha,
+            const Out& radii, const Out& means2d, int64_t* bad) {
+    const auto s = splats_of<const float>(splats);
+    const Camera& c = rendering.camera();
+    const RenderOutputs out{data_of(image, {c.height, c.width, 3}, "image"),
+                            data_of(alpha, {c.height, c.width}, "alpha"),
+                            data_of(radii, {s.count}, "radii"),
+                            data_of(means2d, {s.count, 2}, "means2d")};
+    const nb::gil_scoped_release release;
+    *bad = rendering.forward(s, out);
+}
+
+void backward(Rendering& rendering, const SplatsIn& splats, const In& grad_image,
+              const std::optional<In>& grad_alpha, const std::optional<In>& pixel_map,
+              const SplatsOut& grads, const Out& means2d, const Out& means2d_abs,
+              const Out& weight, const Out& weighted_map, bool statistics) {
+    const auto s = splats_of<const float>(splats);
+    const Camera& c = rendering.camera();
+    if (s.count != rendering.count())
+        throw nb::value_error("backward: another number of splats than was rendered");
+    BackwardInputs in{data_of(grad_image, {c.height, c.width, 3}, "grad_image"), nullptr, nullptr};
+    if (grad_alpha) in.grad_alpha = data_of(*grad_alpha, {c.height, c.width}, "grad_alpha");
+    if (pixel_map) in.pixel_map = data_of(*pixel_map, {c.height, c.width}, "pixel_map");
+    const int64_t kept = statistics ? s.count : 0;
+    const SplatGradients out{splats_of<float>(grads), data_of(means2d, {s.count, 2}, "means2d"),
+                              data_of(means2d_abs, {kept, 2}, "means2d_abs"),
+                              data_of(weight, {kept}, "weight"),
+                              data_of(weighted_map, {kept}, "weighted_map")};
+    if (out.parameters.count != s.count) throw nb::value_error("gradients: unexpected shape");
+    const nb::gil_scoped_release release;
+    rendering.backward(s, in, out, statistics);
+}
+
+std::tuple<double, double, double> loss(const In& image, const In& target,
+                                        const std::optional<In>& weight, double ssim_lambda,
+                                        int threads, const Out& grad) {
+    if (image.ndim() != 3) throw nb::value_error("image: unexpected shape");
+    const int64_t h = static_cast<int64_t>(image.shape(0));
+    const int64_t w = static_cast<int64_t>(image.shape(1));
+    if (h < 1 || w < 1) throw nb::value_error("image: expected at least one pixel");
+    const LossImages images{data_of(image, {h, w, 3}, "image"),
+                            data_of(target, {h, w, 3}, "target"),
+                            weight ? data_of(*weight, {h, w}, "weight") : nullptr,
+                            static_cast<int32_t>(w),
+                            static_cast<int32_t>(h),
+                            static_cast<float>(ssim_lambda),
+                            data_of(grad, {h, w, 3}, "grad")};
+    checked_threads(threads);
+    const nb::gil_scoped_release release;
+    const LossSums sums = photometric_loss(*active, images, threads);
+    const double values = 3.0 * static_cast<double>(h) * static_cast<double>(w);
+    return {sums.weighted / values, sums.l1 / values, sums.ssim / values};
+}
+
+void adam(const Out& values, const In& grads, const Out& first, const Out& second, double rate,
+          double beta1, double beta2, double epsilon, int64_t step, int threads) {
+    const int64_t n = static_cast<int64_t>(values.size());
+    if (static_cast<int64_t>(grads.size()) != n || static_cast<int64_t>(first.size()) != n ||
+        static_cast<int64_t>(second.size()) != n)
+        throw nb::value_error("adam: sizes differ");
+    checked_threads(threads);
+    AdamStep s{};
+    s.rate = static_cast<float>(rate);
+    s.beta1 = static_cast<float>(beta1);
+    s.beta2 = static_cast<float>(beta2);
+    s.epsilon = static_cast<float>(epsilon);
+    s.correction1 = static_cast<float>(1.0 / (1.0 - std::pow(beta1, static_cast<double>(step))));
+    s.correction2 = static_cast<float>(1.0 / (1.0 - std::pow(beta2, static_cast<double>(step))));
+    float* p[3] = {values.data(), first.data(), second.data()};
+    const float* g = grads.data();
+    const nb::gil_scoped_release release;
+    const int64_t tasks = (n + ADAM_VALUES_PER_TASK - 1) / ADAM_VALUES_PER_TASK;
+    parallel(threads, tasks, [&](int64_t t) {
+        const int64_t at = t * ADAM_VALUES_PER_TASK;
+        AdamStep part = s;
+        part.values = p[0] + at;
+        part.first_moments = p[1] + at;
+        part.second_moments = p[2] + at;
+        part.grads = g + at;
+        part.count = std::min(ADAM_VALUES_PER_TASK, n - at);
+        active->adam(part);
+    });
+}
+
+bool use(const std::string& name) {
+    const Kernels* kernels = choose_kernels(name.c_str());
+    if (kernels) active = kernels;
+    return kernels != nullptr;
+}
+
+}  // namespace
+}  // namespace mattgs
+
+NB_MODULE(_engine, m) {
+    using namespace mattgs;
+    active = choose_kernels(nullptr);
+    m.attr("TILE") = TILE;
+    m.def("instruction_set", [] { return std::string(active->name); });
+    m.def("multiply_add", [](int64_t rounds) {
+        float sink[3] = {0.999f, 0.001f, 0.0f};
+        return active->multiply_add(rounds, sink);
+    }, "rounds"_a);
+    m.def("use_instruction_set", &use, "name"_a);
+    nb::class_<Rendering>(m, "Rendering")
+        .def(
+            "__init__",
+            [](Rendering* self, const std::array<double, 9>& r, const std::array<double, 3>& t,
+               const std::array<double, 4>& k, int width, int height,
+               const std::array<float, 3>& background, int sh_degree, int threads) {
+                if (sh_degree < 0 || sh_degree > 3)
+                    throw nb::value_error("sh_degree: expected 0 to 3");
+                new (self) Rendering(*active, camera_of(r, t, k, width, height), background.data(),
+                                     sh_degree, checked_threads(threads));
+            },
+            "rotation"_a, "translation"_a, "intrinsics"_a, "width"_a, "height"_a, "background"_a,
+            "sh_degree"_a, "threads"_a)
+        .def("forward",
+             [](Rendering& self, const SplatsIn& splats, const Out& image, const Out& alpha,
+                const Out& radii, const Out& means2d) {
+                 int64_t bad = 0;
+                 render(self, splats, image, alpha, radii, means2d, &bad);
+                 return bad;
+             })
+        .def("backward", &backward, nb::arg("splats"), nb::arg("grad_image"),
+             nb::arg("grad_alpha").none(), nb::arg("pixel_map").none(), nb::arg("grads"),
+             nb::arg("means2d"), nb::arg("means2d_abs"), nb::arg("weight"),
+             nb::arg("weighted_map"), nb::arg("statistics"))
+        .def_prop_ro("pairs", &Rendering::pairs)
+        .def_prop_ro("evaluated", &Rendering::evaluated)
+        .def_prop_ro("seconds", &Rendering::seconds)
+        .def_prop_ro("workspace_bytes", &Rendering::bytes);
+    m.def("photometric_loss", &loss, nb::arg("image"), nb::arg("target"), nb::arg("weight").none(),
+          nb::arg("ssim_lambda"), nb::arg("threads"), nb::arg("grad"));
+    m.def("adam", &adam, nb::arg("values"), nb::arg("grads"), nb::arg("first_moments"),
+          nb::arg("second_moments"), nb::arg("rate"), nb::arg("beta1"), nb::arg("beta2"),
+          nb::arg("epsilon"), nb::arg("step"), nb::arg("threads"));
+}

@@ -1,0 +1,136 @@
+// Memory and results of one rendering, and the passes over them.
+#pragma once
+
+#include <array>
+#include <cstdlib>
+#include <memory>
+#include <new>
+#include <vector>
+
+#include "engine.h"
+
+namespace mattgs {
+
+// Uninitialised memory that is kept for the next call; contents are lost when it grows.
+template <class T>
+class Buffer {
+public:
+    Buffer() = default;
+    Buffer(Buffer&& other) noexcept : data_(other.data_), capacity_(other.capacity_) {
+        other.data_ = nullptr;
+        other.capacity_ = 0;
+    }
+    Buffer& operator=(Buffer&&) = delete;
+    ~Buffer() { std::free(data_); }
+
+    T* fit(int64_t count) {
+        if (count > capacity_) {
+            std::free(data_);
+            capacity_ = 0;
+            data_ = allocate(count + count / 4);
+            capacity_ = count + count / 4;
+        }
+        return data_;
+    }
+
+    T* extend(int64_t count, int64_t used) {  // keeps the first `used`
+        if (count <= capacity_) return data_;
+        T* grown = allocate(count);
+        for (int64_t i = 0; i < used; ++i) grown[i] = data_[i];
+        std::free(data_);
+        data_ = grown;
+        capacity_ = count;
+        return data_;
+    }
+
+    T* data() const { return data_; }
+    int64_t capacity() const { return capacity_; }
+    int64_t bytes() const { return capacity_ * static_cast<int64_t>(sizeof(T)); }
+
+private:
+    static T* allocate(int64_t count) {
+        const std::size_t size = (static_cast<std::size_t>(count) * sizeof(T) + 127) / 64 * 64;
+        void* p = std::aligned_alloc(64, size);
+        if (!p) throw std::bad_alloc();
+        return static_cast<T*>(p);
+    }
+
+    T* data_ = nullptr;
+    int64_t capacity_ = 0;
+};
+
+struct Chunk {  // what one thread bins
+    Buffer<Pair> pairs;
+    Buffer<uint32_t> tiles;
+    std::vector<uint32_t> histogram;
+    int64_t first = 0, last = 0, written = 0, base = 0;
+};
+
+struct Workspace {
+    Buffer<Projected> unsorted, sorted;
+    Buffer<float> depths, slots, scratch;
+    Buffer<uint64_t> keys, keys_spare;
+    Buffer<uint32_t> order, splat_pairs, splat_first, positions;
+    Buffer<Pair> pairs;
+    Buffer<TilePixels> pixels;
+    std::vector<Chunk> chunks;
+    std::vector<uint32_t> tile_start;
+    std::vector<int32_t> processed, by_cost;
+
+    int64_t bytes() const;
+};
+
+struct RenderOutputs {
+    float *image, *alpha, *radii, *means2d;
+};
+
+struct BackwardInputs {
+    const float *grad_image, *grad_alpha, *pixel_map;
+};
+
+// One rendering: what backward() needs to know of it.
+class Rendering {
+public:
+    Rendering(const Kernels& kernels, const Camera& camera, const float background[3],
+              int sh_degree, int threads);
+    ~Rendering();
+    Rendering(const Rendering&) = delete;
+    Rendering& operator=(const Rendering&) = delete;
+
+    // Returns the number of splats with a NaN or infinite parameter; if any, nothing was drawn.
+    int64_t forward(const SplatArrays<const float>& splats, const RenderOutputs& out);
+    void backward(const SplatArrays<const float>& splats, const BackwardInputs& in,
+                  const SplatGradients& out, bool statistics);
+
+    int64_t count() const { return count_; }
+    const Camera& camera() const { return camera_; }
+    int64_t pairs() const { return pair_count_; }
+    int64_t evaluated() const;  // splat-pixel pairs looked at, both sides of the ellipse's rim
+    int64_t bytes() const { return work_->bytes(); }
+    // Seconds of the latest passes: project, sort, bin, forward; backward, project_backward.
+    const std::array<double, 6>& seconds() const { return seconds_; }
+
+private:
+    int64_t project(const SplatArrays<const float>& splats, const RenderOutputs& out);
+    void sort();
+    void bin();
+    void scatter(float* radii);
+    TileView tile(int64_t t) const;
+
+    const Kernels& kernels_;
+    Camera camera_;
+    float background_[3];
+    int sh_degree_, threads_;
+    int32_t tiles_x_, tiles_y_;
+    int64_t count_ = 0, visible_ = 0, pair_count_ = 0;
+    std::unique_ptr<Workspace> work_;
+    std::array<double, 6> seconds_{};
+};
+
+// Loss of H x W x 3 values; fills grad.
+LossSums photometric_loss(const Kernels& kernels, const LossImages& images, int threads);
+
+// Sorts by the upper 32 bits, stable; the result is in `keys` or `spare`, which is returned.
+uint64_t* radix_sort(uint64_t* keys, uint64_t* spare, int64_t count);
+
+}  // namespace mattgs

@@ -1,0 +1,136 @@
+"""Photos as training and evaluation see them: resized, composited, 8-bit, with their camera.
+
+A photo is shrunk by an exact area filter (each new pixel is the mean of the old ones it covers)
+until its longest side is the wanted resolution, never enlarged. For ``nobg`` the object is put on
+white at full size first, ``photo * mask + white * (1 - mask)``, and the composite is shrunk, so
+that a pixel on the edge is the right mixture. Values are rounded to 8 bits, as they would be in
+a file: what training sees, evaluation compares with.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mattgs_ops.camera import Camera
+from mattgs_ops.config import Background
+from mattgs_ops.errors import InputError
+from mattgs_ops.scene import View
+
+Floats = NDArray[np.float32]
+Bytes = NDArray[np.uint8]
+
+WHITE = (1.0, 1.0, 1.0)
+BLACK = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class TrainingView:
+    """One photo at training size.
+
+    ``image`` [H, W, 3] float32 in [0, 1], multiples of 1/255, sRGB as stored; ``mask`` [H, W]
+    float32 in [0, 1], the share of each pixel that is object (all 1 where a view has no mask);
+    ``camera`` for these H × W pixels.
+    """
+
+    name: str
+    camera: Camera
+    image: Floats
+    mask: Floats
+
+
+@dataclass(frozen=True)
+class StoredView:
+    """A :class:`TrainingView` kept in memory at 8 bits: 4 bytes per pixel.
+
+    ``image`` [H, W, 3] and ``mask`` [H, W] uint8; ``photo`` [H, W, 3] uint8 is the photo before
+    compositing, or the same array as ``image`` where nothing was composited.
+    """
+
+    name: str
+    camera: Camera
+    image: Bytes
+    mask: Bytes
+    photo: Bytes
+
+
+def size_at(width: int, height: int, resolution: int) -> tuple[int, int]:
+    """Return (width, height) with the longest side at most ``resolution`` pixels."""
+    scale = min(1.0, resolution / max(width, height))
+    return max(1, round(width * scale)), max(1, round(height * scale))
+
+
+def load_view(view: View, background: Background, resolution: int) -> TrainingView:
+    """Read one view for training or scoring.
+
+    ``resolution`` is the longest side in pixels. Raises :class:`InputError` naming the file when
+    it cannot be read or has another size than the scene says, when the view has no camera, and
+    when ``nobg`` is wanted of a view without a mask.
+    """
+    stored = store_view(view, background, resolution)
+    return TrainingView(
+        stored.name,
+        stored.camera,
+        stored.image.astype(np.float32) / np.float32(255),
+        stored.mask.astype(np.float32) / np.float32(255),
+    )
+
+
+def store_view(view: View, background: Background, resolution: int) -> StoredView:
+    """Read one view as :func:`load_view` does, at 8 bits; raises the same errors."""
+    if view.camera is None:
+        raise InputError(f"view {view.name}: expected a camera, found none (not registered)")
+    photo = _read(view.photo, cv2.IMREAD_COLOR, view)[:, :, ::-1]  # OpenCV reads BGR
+    size = size_at(view.width, view.height, resolution)
+    plain = _shrink(photo.astype(np.float32), size)
+    if view.mask is None:
+        if background == "nobg":
+            raise InputError(f"view {view.name}: `nobg` needs a mask, found none")
+        opaque = np.full(plain.shape[:2], 255, np.uint8)
+        return StoredView(view.name, view.camera.scaled(*size), plain, opaque, plain)
+    mask = _read(view.mask, cv2.IMREAD_GRAYSCALE, view).astype(np.float32)
+    image = plain
+    if background == "nobg":
+        share = mask[:, :, None] / np.float32(255)
+        image = _shrink(photo * share + np.float32(255) * (1 - share), size)
+    return StoredView(view.name, view.camera.scaled(*size), image, _shrink(mask, size), plain)
+
+
+def store_views(views: Iterable[View], background: Background, resolution: int) -> list[StoredView]:
+    """Read views into memory, 4 bytes per pixel (7 for ``nobg``); same errors."""
+    return [store_view(view, background, resolution) for view in views]
+
+
+def recolour(image: Floats, mask: Floats, colour: tuple[float, float, float]) -> Floats:
+    """Change the white behind a ``nobg`` image into ``colour``.
+
+    ``image`` [H, W, 3] is ``object * mask + 1 - mask``; the result is
+    ``object * mask + colour * (1 - mask)``, in [0, 1] but for rounding.
+    """
+    missing = np.float32(1) - np.asarray(colour, dtype=np.float32)
+    changed: Floats = image - missing * (1 - mask[:, :, None])
+    return np.clip(changed, np.float32(0), np.float32(1))
+
+
+def _read(path: Path, flag: int, view: View) -> Bytes:
+    # imdecode instead of imread: a missing file raises by itself and nothing is printed to stderr
+    try:
+        data = np.fromfile(path, dtype=np.uint8)
+    except OSError as error:
+        raise InputError(f"{path}: expected a readable image: {error}") from error
+    pixels = cv2.imdecode(data, flag | cv2.IMREAD_IGNORE_ORIENTATION) if data.size else None
+    if pixels is None:
+        raise InputError(f"{path}: expected an 8-bit PNG, found a file that does not decode")
+    if pixels.shape[:2] != (view.height, view.width):
+        found = f"{pixels.shape[1]} x {pixels.shape[0]}"
+        raise InputError(f"{path}: expected {view.width} x {view.height} pixels, found {found}")
+    return np.asarray(pixels, dtype=np.uint8)
+
+
+def _shrink(values: Floats, size: tuple[int, int]) -> Bytes:
+    if (values.shape[1], values.shape[0]) != size:
+        values = cv2.resize(values, size, interpolation=cv2.INTER_AREA)
+    return np.clip(np.rint(values), 0, 255).astype(np.uint8)

@@ -1,0 +1,212 @@
+"""Rendering of splats and its gradients, by the compiled engine.
+
+Conventions of the original 3DGS (Kerbl et al. 2023): 0.3 px² added to the projected covariance,
+alpha clamped to 0.99 and skipped below 1/255, a pixel is finished before its transmittance would
+fall below 1e-4, near plane at 0.2, the Jacobian's x/z and y/z clamped at 1.3 times the field of
+view, colour ``max(SH + 0.5, 0)``. Ellipses are bounded exactly by alpha = 1/255, not by 3 sigma.
+Gradients are the true derivatives, also where a value was clamped. Results have the same bits from
+run to run and for any number of threads.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from mattgs_ops.camera import Camera
+from mattgs_ops.errors import InputError
+from mattgs_ops.splat import _engine
+from mattgs_ops.splat.gaussians import Splats
+
+MAX_PIXELS_A_SIDE = 32_768  # of an image; more is a mistake in the caller's units
+MAX_THREADS = 1024
+PASSES = ("project", "sort", "bin", "forward", "backward", "project back")
+
+
+@dataclass
+class Rendering:
+    """A rendered view and what :func:`backward` needs to know about it."""
+
+    image: Tensor  # [H, W, 3] composited over the background, not clamped
+    alpha: Tensor  # [H, W] one minus the final transmittance
+    radii: Tensor  # [N] 3 sigma of the longer axis, px; 0 = not visible
+    means2d: Tensor  # [N, 2] projected centres, px; 0 where behind the near plane
+    splats: Splats
+    _engine: Any
+
+    @property
+    def evaluated_pairs(self) -> int:
+        """Splat-pixel pairs that compositing looked at (computed on request)."""
+        return int(self._engine.evaluated)
+
+    @property
+    def tile_pairs(self) -> int:
+        """Splat-tile pairs that were sorted."""
+        return int(self._engine.pairs)
+
+    @property
+    def pass_seconds(self) -> dict[str, float]:
+        """Seconds of each pass: processor time with one thread, else wall-clock time."""
+        return dict(zip(PASSES, self._engine.seconds, strict=True))
+
+    @property
+    def workspace_bytes(self) -> int:
+        """Memory that the engine holds for this rendering, kept for the next one."""
+        return int(self._engine.workspace_bytes)
+
+
+@dataclass
+class Gradients:
+    """dL/d each parameter of the splats, and statistics of the same pass."""
+
+    means: Tensor  # [N, 3]
+    log_scales: Tensor  # [N, 3]
+    quaternions: Tensor  # [N, 4]
+    opacity_logits: Tensor  # [N]
+    sh_dc: Tensor  # [N, 3]
+    sh_rest: Tensor  # [N, 15, 3]
+    means2d: Tensor  # [N, 2] dL/d projected centre, px
+    means2d_abs: Tensor  # [N, 2] the same with absolute values summed over pixels
+    weight: Tensor  # [N] sum of blending weights
+    weighted_map: Tensor  # [N] sum of blending weight times pixel_map
+
+
+def render(
+    splats: Splats,
+    camera: Camera,
+    background: tuple[float, float, float],
+    *,
+    sh_degree: int = 3,
+    threads: int = 1,
+) -> Rendering:
+    """Render ``splats`` as ``camera`` sees them over a plain ``background``.
+
+    ``sh_degree`` 0 to 3: spherical harmonics above it are not used. Raises :class:`InputError`
+    for wrong shapes, for a camera without an image, and for a splat with a NaN or infinite
+    parameter (its field and row are named).
+    """
+    splats.check()
+    _check_camera(camera)
+    if not 0 <= sh_degree <= 3:
+        raise InputError(f"sh_degree: expected 0 to 3, found {sh_degree}")
+    if not 1 <= threads <= MAX_THREADS:
+        raise InputError(f"threads: expected 1 to {MAX_THREADS}, found {threads}")
+    if len(background) != 3 or not all(map(math.isfinite, background)):
+        raise InputError(f"background: expected three finite numbers, found {background}")
+    i = camera.intrinsics
+    engine = _engine.Rendering(
+        camera.rotation.ravel().tolist(),
+        camera.translation.tolist(),
+        (i.fx, i.fy, i.cx, i.cy),
+        i.width,
+        i.height,
+        tuple(map(float, background)),
+        sh_degree,
+        threads,
+    )
+    image, alpha = torch.empty(i.height, i.width, 3), torch.empty(i.height, i.width)
+    radii, means2d = torch.empty(len(splats)), torch.empty(len(splats), 2)
+    bad = engine.forward(
+        _arrays(splats), image.numpy(), alpha.numpy(), radii.numpy(), means2d.numpy()
+    )
+    if bad:
+        raise InputError(_describe_not_finite(splats))
+    return Rendering(image, alpha, radii, means2d, splats, engine)
+
+
+def backward(
+    rendering: Rendering,
+    grad_image: Tensor,
+    grad_alpha: Tensor | None = None,
+    *,
+    pixel_map: Tensor | None = None,
+    statistics: bool = True,
+) -> Gradients:
+    """Return the gradients of a loss given its gradient with respect to the rendered image.
+
+    ``grad_image`` [H, W, 3], ``grad_alpha`` [H, W] or none, ``pixel_map`` [H, W] (attention, say)
+    or none, all float32. The splats must be those that were rendered, unchanged. Without
+    ``statistics``, a little faster, ``means2d_abs``, ``weight`` and ``weighted_map`` are empty.
+    Raises :class:`InputError` for wrong shapes or types.
+    """
+    splats = rendering.splats
+    splats.check()
+    height, width = rendering.alpha.shape
+    given = {
+        "grad_image": (grad_image, (height, width, 3)),
+        "grad_alpha": (grad_alpha, (height, width)),
+        "pixel_map": (pixel_map, (height, width)),
+    }
+    arrays = [checked_array(name, t, shape) for name, (t, shape) in given.items()]
+    count = len(splats)
+    if count != len(rendering.radii):
+        raise InputError(
+            f"splats: expected the {len(rendering.radii)} that were rendered, found {count}"
+        )
+    grads = Splats(**{name: torch.empty_like(tensor) for name, tensor in splats.items()})
+    kept = count if statistics else 0
+    means2d, means2d_abs = torch.empty(count, 2), torch.empty(kept, 2)
+    weight, weighted_map = torch.empty(kept), torch.empty(kept)
+    rendering._engine.backward(
+        _arrays(splats),
+        *arrays,
+        _arrays(grads),
+        means2d.numpy(),
+        means2d_abs.numpy(),
+        weight.numpy(),
+        weighted_map.numpy(),
+        statistics,
+    )
+    return Gradients(
+        **dict(grads.items()),
+        means2d=means2d,
+        means2d_abs=means2d_abs,
+        weight=weight,
+        weighted_map=weighted_map,
+    )
+
+
+def checked_array(name: str, tensor: Tensor | None, shape: tuple[int, ...]) -> Any:
+    """Return a tensor as a NumPy array on the same memory (None stays None).
+
+    Raises :class:`InputError` unless it is float32 on the CPU and of that shape.
+    """
+    if tensor is None:
+        return None
+    if tuple(tensor.shape) != shape:
+        raise InputError(f"{name}: expected shape {shape}, found {tuple(tensor.shape)}")
+    if tensor.dtype != torch.float32 or tensor.device.type != "cpu":
+        raise InputError(
+            f"{name}: expected float32 on the CPU, found {tensor.dtype} on {tensor.device}"
+        )
+    return tensor.detach().contiguous().numpy()
+
+
+def _arrays(splats: Splats) -> tuple[Any, ...]:
+    return tuple(tensor.detach().numpy() for _, tensor in splats.items())
+
+
+def _check_camera(camera: Camera) -> None:
+    i = camera.intrinsics
+    for name, size in (("width", i.width), ("height", i.height)):
+        if not 1 <= size <= MAX_PIXELS_A_SIDE:
+            raise InputError(f"camera.{name}: expected 1 to {MAX_PIXELS_A_SIDE}, found {size}")
+    for name, focal in (("fx", i.fx), ("fy", i.fy)):
+        if not (math.isfinite(focal) and focal > 0):
+            raise InputError(f"camera.{name}: expected a positive focal length, found {focal}")
+    pose = (*camera.rotation.ravel().tolist(), *camera.translation.ravel().tolist(), i.cx, i.cy)
+    if len(pose) != 14 or not all(map(math.isfinite, pose)):
+        raise InputError("camera: expected a finite pose [3, 3] and [3], and a finite centre")
+
+
+def _describe_not_finite(splats: Splats) -> str:
+    for name, tensor in splats.items():
+        rows = torch.nonzero(~torch.isfinite(tensor).reshape(len(splats), -1).all(dim=1))
+        if len(rows):
+            return (
+                f"splats.{name}: expected finite numbers, found NaN or infinity in "
+                f"{len(rows)} of {len(splats)} rows, the first of them row {int(rows[0, 0])}"
+            )
+    return "splats: their colours overflow float32"

@@ -1,0 +1,241 @@
+"""One step of training: render a view, compare, go back, move the splats; then add and remove.
+
+Gradients are analytic, from the engine; nothing here builds an autograd graph. The order within a
+step is gsplat's: Adam moves the splats first, then splats are added and removed, then opacities
+are reset when that is due.
+
+MATT-GS's pruning acts where splats are added and removed: those with opacity below
+``prune_opacity`` **and** an attention score below ``prune_attention`` go, unless opacities were
+reset less than half an interval ago (see :class:`~mattgs_ops.splat.schedule.Schedule`).
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from mattgs_ops.attention import attention_map, loss_weights, point_scores
+from mattgs_ops.config import Background, MethodConfig, TrainConfig
+from mattgs_ops.errors import StageError
+from mattgs_ops.splat.checkpoint import TrainingState
+from mattgs_ops.splat.densify import (
+    Record,
+    faint_or_huge,
+    grow,
+    logit,
+    prune,
+    reset_opacity,
+)
+from mattgs_ops.splat.gaussians import Splats
+from mattgs_ops.splat.initialise import StartingPoints
+from mattgs_ops.splat.optimise import FIELDS
+from mattgs_ops.splat.photos import BLACK, WHITE, Bytes, Floats, StoredView, recolour
+from mattgs_ops.splat.rasterize import Gradients, backward, render
+from mattgs_ops.splat.schedule import Schedule
+from mattgs_ops.splat.ssim import photometric_loss
+
+Colour = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class StepResult:
+    """What a step saw before it moved the splats."""
+
+    loss: float  # as optimised
+    l1: float  # plain mean absolute difference
+    ssim: float
+    image: Tensor  # [H, W, 3] the rendering
+    target: Tensor  # [H, W, 3]
+
+    @property
+    def psnr(self) -> float:
+        """Peak signal-to-noise ratio in dB of the unrounded rendering."""
+        mse = float((self.image - self.target).square().mean())
+        return -10 * math.log10(max(mse, 1e-10))
+
+
+class Trainer:
+    """What stays the same from step to step; the running state is handed in."""
+
+    def __init__(
+        self,
+        views: Sequence[StoredView],
+        background: Background,
+        method: MethodConfig,
+        config: TrainConfig,
+        schedule: Schedule,
+        extent: float,
+        threads: int,
+    ) -> None:
+        self.views, self.background, self.method = views, background, method
+        self.config, self.schedule, self.extent, self.threads = config, schedule, extent, threads
+        self._maps: dict[int, Tensor] = {}
+        self._fixed_rates = {
+            "log_scales": config.lr_scale,
+            "quaternions": config.lr_rotation,
+            "opacity_logits": config.lr_opacity,
+            "sh_dc": config.lr_sh_dc,
+            "sh_rest": config.lr_sh_rest,
+        }
+
+    def attention(self, index: int) -> Tensor:
+        """Return the attention map of a view [H, W], computed once."""
+        if index not in self._maps:
+            view = self.views[index]
+            image, photo, mask = (_unit(a).numpy() for a in (view.image, view.photo, view.mask))
+            removed = self.background == "nobg"
+            found = attention_map(image, photo, mask, kind=self.method.attention, removed=removed)
+            self._maps[index] = torch.from_numpy(found)
+        return self._maps[index]
+
+    def keep_attended(self, points: StartingPoints, fewest: int) -> StartingPoints:
+        """Drop starting points of low attention; all stay if fewer than ``fewest`` would.
+
+        Every point starts with the same opacity, so attention alone decides here.
+        """
+        maps = [self.attention(i).numpy() for i in range(len(self.views))]
+        scores, _ = point_scores(points.xyz, [view.camera for view in self.views], maps)
+        chosen = scores >= self.method.prune_attention
+        return points.keep(chosen) if int(chosen.sum()) >= fewest else points
+
+    def step(self, state: TrainingState) -> StepResult:
+        """Do one step; changes ``state``. Raises :class:`StageError` on NaN or infinity."""
+        step = state.step + 1
+        index = self._next_view(state)
+        view = self.views[index]
+        colour = self._colour(state)
+        target = self.target(view, colour)
+        degree = self.schedule.degree(step)
+        rendering = render(
+            state.splats, view.camera, colour, sh_degree=degree, threads=self.threads
+        )
+        loss = photometric_loss(
+            rendering.image,
+            target,
+            ssim_lambda=self.config.ssim_lambda,
+            weight=self.weights(index),
+            threads=self.threads,
+        )
+        if not math.isfinite(loss.loss):
+            raise StageError(f"step {step}, view {view.name}: the loss is {loss.loss}")
+        blends = self.method.prune == "blend" and self.schedule.observes(step)
+        gradients = backward(
+            rendering,
+            loss.grad,
+            pixel_map=self.attention(index) if blends else None,
+            statistics=blends,
+        )
+        _refuse_nan(gradients, step)
+        if self.schedule.observes(step):
+            intrinsics = view.camera.intrinsics
+            state.record.observe(
+                gradients.means2d, rendering.radii, intrinsics.width, intrinsics.height
+            )
+        if blends:
+            state.record.weight += gradients.weight
+            state.record.attention += gradients.weighted_map
+        rates = self._fixed_rates | {"means": self.schedule.position_rate(step)}
+        state.adam.step(state.splats, gradients, rates, self.threads)
+        if self.schedule.densifies(step):
+            self._densify(state, step)
+        if self.schedule.resets(step):
+            reset_opacity(state.splats, state.adam)
+        state.step = step
+        return StepResult(loss.loss, loss.plain_l1, loss.ssim, rendering.image, target)
+
+    def weights(self, index: int) -> Tensor | None:
+        """Return the L1 weights of a view [H, W], or None."""
+        if self.method.weighting == "none":
+            return None
+        found = loss_weights(self.attention(index).numpy(), self.method)
+        return None if found is None else torch.from_numpy(found)
+
+    def target(self, view: StoredView, colour: Colour) -> Tensor:
+        """Return what a view should look like on ``colour`` [H, W, 3]."""
+        image = _unit(view.image)
+        if self.background == "original" or colour == WHITE:
+            return image
+        return torch.from_numpy(recolour(image.numpy(), _unit(view.mask).numpy(), colour))
+
+    def _next_view(self, state: TrainingState) -> int:
+        if not state.order:
+            state.order = [int(i) for i in state.streams["order"].permutation(len(self.views))]
+        return state.order.pop()
+
+    def _colour(self, state: TrainingState) -> Colour:
+        if self.config.background == "random":
+            red, green, blue = state.streams["background"].random(3)
+            return float(red), float(green), float(blue)
+        return background_colour(self.config)
+
+    def _densify(self, state: TrainingState, step: int) -> None:
+        self._prune_unattended(state, step)
+        before = len(state.splats)
+        state.splats = grow(
+            state.splats,
+            state.adam,
+            state.record,
+            self.config,
+            self.extent,
+            state.streams["split"],
+        )
+        count = partial(_count, state)
+        count("added", len(state.splats) - before)
+        huge = 0 < self.schedule.reset_every < step
+        removed = faint_or_huge(state.splats, self.config, self.extent, huge=huge)
+        count("removed_faint_or_huge", int(removed.sum()))
+        state.splats = prune(state.splats, state.adam, removed)
+        if len(state.splats) == 0:
+            raise StageError(f"step {step}: every splat was removed; nothing is left to train")
+        state.record = Record.empty(len(state.splats))
+        count("densifications", 1)
+
+    def _prune_unattended(self, state: TrainingState, step: int) -> None:
+        if self.method.prune == "none" or not self.schedule.settled(step):
+            return
+        faint = torch.zeros(len(state.splats), dtype=torch.bool)
+        if self.method.prune_opacity > 0:
+            faint = state.splats.opacity_logits < _logit_below_one(self.method.prune_opacity)
+        index = torch.nonzero(faint)[:, 0]
+        if self.method.prune == "blend":
+            scores = state.record.blend_scores()[index]
+        else:
+            scores = torch.from_numpy(self._pixel_scores(state.splats, index))
+        removed = torch.zeros_like(faint)
+        removed[index[scores < self.method.prune_attention]] = True
+        _count(state, "removed_unattended", int(removed.sum()))
+        state.splats = prune(state.splats, state.adam, removed)
+        state.record = state.record.keep(torch.nonzero(~removed)[:, 0])
+
+    def _pixel_scores(self, splats: Splats, index: Tensor) -> Floats:
+        points = splats.means[index].numpy().astype(np.float64)
+        maps = [self.attention(i).numpy() for i in range(len(self.views))]
+        return point_scores(points, [view.camera for view in self.views], maps)[0]
+
+
+def background_colour(config: TrainConfig) -> Colour:
+    """Return the colour behind the splats when they are shown; ``random`` is shown on white."""
+    return BLACK if config.background == "black" else WHITE
+
+
+def _logit_below_one(opacity: float) -> float:
+    return math.inf if opacity >= 1 else logit(opacity)
+
+
+def _count(state: TrainingState, name: str, more: int) -> None:
+    state.counters[name] = state.counters.get(name, 0) + more
+
+
+def _unit(values: Bytes) -> Tensor:
+    return torch.from_numpy(values).to(torch.float32).div_(255)
+
+
+def _refuse_nan(gradients: Gradients, step: int) -> None:
+    for name in FIELDS:
+        # a sum is finite unless a part is not (or 1e38 is reached, which is as bad)
+        if not math.isfinite(float(getattr(gradients, name).sum())):
+            raise StageError(f"step {step}: the gradient of `{name}` is not finite")

@@ -1,0 +1,52 @@
+"""Eight bits from floats, and a rate that is views over seconds."""
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from mattgs_ops.camera import Camera
+from mattgs_ops.splat import render as render_module
+from mattgs_ops.splat.gaussians import Splats
+from mattgs_ops.splat.rasterize import Rendering, render
+from mattgs_ops.splat.render import measure_fps, render_view
+
+MakeSplats = Callable[[int, int], Splats]
+MakeCameras = Callable[..., list[Camera]]
+
+
+def test_a_view_is_clamped_and_rounded_to_nearest(
+    make_splats: MakeSplats, make_cameras: MakeCameras
+) -> None:
+    splats, camera = make_splats(50, 0), make_cameras(3)[1]
+    splats.sh_dc *= 3  # brighter than white in places
+    floats = render(splats, camera, (0.3, 0.5, 0.7)).image.numpy()
+    assert floats.max() > 1
+    found = render_view(splats, camera, (0.3, 0.5, 0.7))
+    assert found.dtype == np.uint8
+    np.testing.assert_array_equal(found, np.rint(np.clip(floats, 0, 1) * np.float32(255)))
+
+
+def test_the_rate_is_views_over_seconds_and_the_warm_up_does_not_count(
+    make_splats: MakeSplats, make_cameras: MakeCameras, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A clock that renderings alone advance: 10 ms for the first view, 30 ms for the second."""
+    now, rendered = [0.0], []
+
+    def slow(splats: Splats, camera: Camera, *colour: object, threads: int) -> Rendering:
+        rendered.append(camera)
+        now[0] += 0.01 if camera is cameras[0] else 0.03
+        return render(splats, camera, *colour, threads=threads)
+
+    cameras = make_cameras(2, 8, 8)
+    monkeypatch.setattr(render_module, "render", slow)
+    monkeypatch.setattr(time, "perf_counter", lambda: now[0])
+    rate = measure_fps(make_splats(3, 0), cameras)
+    assert rate == pytest.approx(50), "not the mean of 100 and 33"
+    assert len(rendered) > len(cameras) * 12, "warm-up and half a second of views"
+
+
+def test_without_views_there_is_no_rate(make_splats: MakeSplats) -> None:
+    with pytest.raises(ValueError, match="at least one camera"):
+        measure_fps(make_splats(3, 0), [])

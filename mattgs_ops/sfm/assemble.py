@@ -1,0 +1,160 @@
+"""From COLMAP's model to a scene's photos, masks and pinhole cameras without distortion."""
+
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mattgs_ops.camera import Camera, Intrinsics
+from mattgs_ops.errors import StageError
+from mattgs_ops.scene import PreparedCapture, SparsePoints, View
+from mattgs_ops.sfm.checks import mask_path, read_mask
+from mattgs_ops.sparse import ColmapCamera, SparseModel, object_points
+from mattgs_ops.undistort import Lens, Undistortion, undistortion
+
+# A distortion that moves no pixel farther than this is not worth a resampling, which blurs.
+NEGLIGIBLE_SHIFT = 0.25
+GRID = 33  # points per side on which the largest shift is sought
+
+
+@dataclass(frozen=True)
+class Plane:
+    """How one of COLMAP's cameras becomes a pinhole; ``resample`` is None where it is one."""
+
+    lens: Lens
+    pinhole: Intrinsics
+    resample: Undistortion | None
+
+    def move(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Move key points [K, 2] from the photo to the pinhole's image plane."""
+        if self.resample is None or not len(xy):
+            return xy
+        old, new = self.lens.intrinsics, self.pinhole
+        matrix = np.array([[old.fx, 0, old.cx], [0, old.fy, old.cy], [0, 0, 1.0]])
+        plane = cv2.undistortPoints(xy, matrix, np.array(self.lens.coefficients))[:, 0]
+        return np.asarray(plane * [new.fx, new.fy] + [new.cx, new.cy], dtype=np.float64)
+
+
+def lens_of(camera: ColmapCamera) -> Lens:
+    """Turn COLMAP's parameters into intrinsics and Brown–Conrady coefficients."""
+    p = camera.params
+    k = [0.0] * 5  # k1, k2, p1, p2, k3
+    if camera.model in ("PINHOLE", "OPENCV"):
+        fx, fy, cx, cy = p[:4]
+        k[:4] = p[4:8] or k[:4]
+    else:
+        fx, fy, cx, cy = p[0], p[0], p[1], p[2]
+        k[: len(p) - 3] = p[3:]
+    intrinsics = Intrinsics(camera.width, camera.height, fx, fy, cx, cy)
+    return Lens(intrinsics, (k[0], k[1], k[2], k[3], k[4]))
+
+
+def plane_of(camera: ColmapCamera) -> Plane:
+    """Decide whether photos of a camera are resampled, and to which pinhole."""
+    lens = lens_of(camera)
+    if lens.is_pinhole or largest_shift(lens) <= NEGLIGIBLE_SHIFT:
+        return Plane(lens, lens.intrinsics, None)
+    resample = undistortion(lens)
+    return Plane(lens, resample.intrinsics, resample)
+
+
+def largest_shift(lens: Lens) -> float:
+    """Return how far distortion moves the pixel that it moves farthest, in pixels."""
+    i = lens.intrinsics
+    x, y = np.meshgrid(np.linspace(0, i.width, GRID), np.linspace(0, i.height, GRID))
+    x, y = (x - i.cx) / i.fx, (y - i.cy) / i.fy
+    k1, k2, p1, p2, k3 = lens.coefficients
+    r2 = x * x + y * y
+    radial = r2 * (k1 + r2 * (k2 + r2 * k3))
+    dx = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+    dy = y * radial + 2 * p2 * x * y + p1 * (r2 + 2 * y * y)
+    return float(np.hypot(dx * i.fx, dy * i.fy).max())
+
+
+def write_views(
+    capture: PreparedCapture, masks: Path, model: SparseModel, out: Path
+) -> tuple[tuple[View, ...], SparseModel, dict[str, Plane | None]]:
+    """Write photos and masks as the pinholes see them.
+
+    Returns the scene's views, the model with pinholes, and each view's plane. Views that were not
+    registered keep their place, without a camera; their lens is that of photos of their size, None
+    where there is no such photo.
+    """
+    (out / "photos").mkdir(parents=True, exist_ok=True)
+    (out / "masks").mkdir(exist_ok=True)
+    planes = {number: plane_of(camera) for number, camera in model.cameras.items()}
+    by_name = {image.name: image for image in model.images.values()}
+    sizes = {(p.pinhole.width, p.pinhole.height): p for p in reversed(list(planes.values()))}
+    views: list[View] = []
+    used: dict[str, Plane | None] = {}
+    for view in capture.views:
+        image = by_name.get(view.photo.name)
+        camera = None
+        plane = sizes.get((view.width, view.height))
+        if image is not None:
+            plane = planes[image.camera]
+            camera = Camera(plane.pinhole, image.rotation, image.translation)
+        photo = out / "photos" / view.photo.name
+        mask = out / "masks" / f"{view.name}.png"
+        if plane is None or plane.resample is None:
+            shutil.copyfile(view.photo, photo)
+            shutil.copyfile(mask_path(masks, view), mask)
+        else:
+            _write(photo, plane.resample.photo(_read_photo(view)))
+            _write(mask, plane.resample.mask(read_mask(masks, view)))
+        views.append(replace(view, photo=photo, mask=mask, camera=camera))
+        used[view.name] = plane
+    return tuple(views), _pinholes(model, planes), used
+
+
+def write_keypoints(found: Path, planes: Mapping[str, Plane | None], out: Path) -> None:
+    """Write the worker's key points as pixels of the scene's photos, with the same arrays."""
+    with np.load(found) as data:
+        arrays = dict(data)
+    parts = np.split(arrays["xy"].astype(np.float64), np.cumsum(arrays["counts"])[:-1])
+    moved = []
+    for name, xy in zip(arrays["names"], parts, strict=True):
+        plane = planes[str(name)]
+        moved.append(xy if plane is None else plane.move(xy))
+    arrays["xy"] = np.concatenate(moved).astype(np.float32)
+    np.savez_compressed(out, **arrays)
+
+
+def vote(views: tuple[View, ...], model: SparseModel) -> SparsePoints:
+    """Let the scene's masks vote on every point."""
+    numbers = {image.name: number for number, image in model.images.items()}
+    cameras, masks = {}, {}
+    for view in views:
+        if view.camera is not None and view.mask is not None:
+            number = numbers[view.photo.name]
+            cameras[number] = view.camera
+            masks[number] = read_mask(view.mask.parent, view)
+    return object_points(model, cameras, masks)
+
+
+def _pinholes(model: SparseModel, planes: dict[int, Plane]) -> SparseModel:
+    cameras = {}
+    for number, plane in planes.items():
+        i = plane.pinhole
+        cameras[number] = ColmapCamera("PINHOLE", i.width, i.height, (i.fx, i.fy, i.cx, i.cy))
+    images = {
+        number: replace(image, xy=planes[image.camera].move(image.xy))
+        for number, image in model.images.items()
+    }
+    return replace(model, cameras=cameras, images=images)
+
+
+def _read_photo(view: View) -> NDArray[np.uint8]:
+    photo = cv2.imread(str(view.photo), cv2.IMREAD_COLOR)
+    if photo is None:
+        raise StageError(f"{view.photo}: expected a readable photo")
+    return np.asarray(photo, dtype=np.uint8)  # channels stay in OpenCV's order
+
+
+def _write(path: Path, image: NDArray[np.uint8]) -> None:
+    if not cv2.imwrite(str(path), image):
+        raise StageError(f"{path}: expected to be able to write the image")

@@ -1,0 +1,84 @@
+"""Everything that can be wrong with photos and masks, found before the first key point is sought.
+
+COLMAP skips or misreads such files with one line in its log or none.
+"""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mattgs_ops.errors import InputError
+from mattgs_ops.scene import PreparedCapture, View
+
+FEWEST_PHOTOS = 3  # two views fix no scale drift and leave nothing to hold out
+MOST_NAMED = 5  # problems told in one message
+
+
+def check(capture: PreparedCapture, masks: Path) -> list[str]:
+    """Check photos and masks; returns the names of views whose mask is empty.
+
+    Raises :class:`InputError` naming each file with what was expected and found: fewer than three
+    photos, unreadable files, 16-bit or grey photos, masks that are missing, of another size, not
+    made of 0 and 255, or empty in every view.
+    """
+    if len(capture.views) < FEWEST_PHOTOS:
+        raise InputError(
+            f"{capture.folder}: expected at least {FEWEST_PHOTOS} photos, "
+            f"found {len(capture.views)}"
+        )
+    problems, empty = [], []
+    for view in capture.views:
+        try:
+            _check_photo(view)
+            if not read_mask(masks, view).any():
+                empty.append(view.name)
+        except InputError as error:
+            problems.append(str(error))
+    if problems:
+        more = len(problems) - MOST_NAMED
+        tail = [f"… and {more} more"] if more > 0 else []
+        raise InputError("\n".join(problems[:MOST_NAMED] + tail))
+    if len(empty) == len(capture.views):
+        raise InputError(
+            f"{masks}: all {len(empty)} masks are black; expected 255 on the object's pixels"
+        )
+    return empty
+
+
+def mask_path(masks: Path, view: View) -> Path:
+    """Return where a view's mask lies in a folder of masks."""
+    return masks / f"{view.name}.png"
+
+
+def read_mask(masks: Path, view: View) -> NDArray[np.uint8]:
+    """Read a view's mask, [H, W] uint8 of 0 and 255; raises :class:`InputError`."""
+    path = mask_path(masks, view)
+    if not path.is_file():
+        raise InputError(f"{path}: expected the mask of {view.name}, found no file")
+    mask = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    if mask is None or mask.dtype != np.uint8 or mask.ndim != 2:
+        found = "no readable image" if mask is None else f"{mask.dtype} {mask.shape}"
+        raise InputError(f"{path}: expected an 8-bit grey mask, found {found}")
+    if mask.shape != (view.height, view.width):
+        raise InputError(
+            f"{path}: expected the photo's size {view.width}x{view.height}, found "
+            f"{mask.shape[1]}x{mask.shape[0]}"
+        )
+    between = np.setdiff1d(mask, [0, 255])
+    if len(between):
+        raise InputError(f"{path}: expected only 0 and 255, found {between[0]}")
+    return np.asarray(mask, dtype=np.uint8)
+
+
+def _check_photo(view: View) -> None:
+    photo = cv2.imread(str(view.photo), cv2.IMREAD_UNCHANGED) if view.photo.is_file() else None
+    if photo is None or photo.dtype != np.uint8 or photo.ndim != 3 or photo.shape[2] != 3:
+        found = "no readable image" if photo is None else f"{photo.dtype} {photo.shape}"
+        raise InputError(f"{view.photo}: expected an 8-bit RGB photo, found {found}")
+    if photo.shape[:2] != (view.height, view.width):
+        raise InputError(
+            f"{view.photo}: expected {view.width}x{view.height} pixels, found "
+            f"{photo.shape[1]}x{photo.shape[0]}"
+        )

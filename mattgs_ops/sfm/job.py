@@ -1,0 +1,98 @@
+"""What the worker process is told and what it answers, as JSON beside its files.
+
+The job names files and parameters; the answer holds counts, seconds and the fallbacks taken. The
+model itself comes back as COLMAP's binary files in ``<workspace>/model``.
+"""
+
+import json
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from mattgs_ops.config import SfmConfig
+
+JOB_FILE, ANSWER_FILE, MODEL_FOLDER = "job.json", "answer.json", "model"
+KEYPOINTS_FILE = "keypoints.npz"
+DATABASE_FILE = "database.db"
+
+
+@dataclass(frozen=True)
+class JobView:
+    """One photo with its mask; ``pose`` is (R row by row, t), world-to-camera, where known."""
+
+    name: str
+    photo: str
+    mask: str
+    width: int
+    height: int
+    intrinsics: tuple[float, float, float, float] | None  # fx, fy, cx, cy of a known pinhole
+    pose: tuple[float, ...] | None  # 12 numbers
+
+
+@dataclass(frozen=True)
+class Job:
+    """Everything the worker needs; ``config`` is a dumped :class:`SfmConfig`."""
+
+    workspace: str
+    views: tuple[JobView, ...]
+    config: dict[str, Any]
+    threads: int
+
+    @property
+    def sfm(self) -> SfmConfig:
+        """The validated configuration."""
+        return SfmConfig.model_validate(self.config)
+
+    @property
+    def poses_known(self) -> bool:
+        """Whether every view comes with its pose."""
+        return all(view.pose is not None for view in self.views)
+
+    def save(self) -> Path:
+        """Write the job into its workspace and return the file."""
+        path = Path(self.workspace) / JOB_FILE
+        path.write_text(json.dumps(asdict(self), indent=1), encoding="utf-8")
+        return path
+
+    @classmethod
+    def load(cls, path: Path) -> "Job":
+        """Read a job."""
+        data = json.loads(path.read_text(encoding="utf-8"))
+        views = []
+        for row in data.pop("views"):
+            for key in ("intrinsics", "pose"):
+                row[key] = None if row[key] is None else tuple(row[key])
+            views.append(JobView(**row))
+        return cls(views=tuple(views), **data)
+
+
+@dataclass
+class Answer:
+    """What happened, counted. ``keypoints`` found go by view: (all, inside the mask)."""
+
+    mode: str
+    keypoints: dict[str, tuple[int, int]] = field(default_factory=dict)
+    used: dict[str, int] = field(default_factory=dict)  # whole, masked: after the cap
+    pairs: dict[str, int] = field(default_factory=dict)  # by set of key points: pairs tried
+    matches: dict[str, int] = field(default_factory=dict)  # by set: matches that were kept
+    fallbacks: list[str] = field(default_factory=list)
+    seconds: dict[str, float] = field(default_factory=dict)  # by step, on the wall
+    cpu_seconds: dict[str, float] = field(default_factory=dict)  # by step, of this process
+    registered: list[str] = field(default_factory=list)
+    models: int = 0
+    points: int = 0
+    mapped_points: int = 0  # before points were triangulated again with poses held fixed
+    reprojection_error: float | None = None
+    threads: int = 1
+
+    def save(self, workspace: Path) -> None:
+        """Write the answer into the workspace."""
+        text = json.dumps(asdict(self), indent=1)
+        (workspace / ANSWER_FILE).write_text(text, encoding="utf-8")
+
+    @classmethod
+    def load(cls, workspace: Path) -> "Answer":
+        """Read the answer."""
+        data = json.loads((workspace / ANSWER_FILE).read_text(encoding="utf-8"))
+        data["keypoints"] = {k: tuple(v) for k, v in data["keypoints"].items()}
+        return cls(**data)

@@ -1,0 +1,177 @@
+"""Photos and masks to a scene: checked, reconstructed in a worker process, reported in full.
+
+Modes (``SfmConfig.mode``):
+
+- ``original``: key points of whole photos; everything from them;
+- ``masked``: key points inside masks only, everything from them (the paper's);
+- ``shared``: poses from whole photos, then all points triangulated anew, with those poses held
+  fixed, from the matches of whole photos joined by matches of the object's key points along
+  epipolar lines.
+
+Whatever the mode, the masks then vote on every point (``SparsePoints.object_share``).
+"""
+
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from mattgs_ops import alignment, sfm_figure, sparse
+from mattgs_ops.config import SfmConfig
+from mattgs_ops.errors import StageError
+from mattgs_ops.progress import Progress, no_progress
+from mattgs_ops.scene import PreparedCapture, Scene, View
+from mattgs_ops.sfm import assemble, hull
+from mattgs_ops.sfm.checks import check, mask_path
+from mattgs_ops.sfm.job import KEYPOINTS_FILE, MODEL_FOLDER, Answer, Job, JobView
+from mattgs_ops.sfm.process import run_worker
+
+LOG_FILE, FIGURE_FILE = "sfm.log", "sfm.png"
+WORKSPACE = "sfm-workspace"
+# Fewer points on the object than this do not start a training; the visual hull is filled then.
+FEW_OBJECT_POINTS = 100
+
+
+def reconstruct(
+    capture: PreparedCapture,
+    masks: Path,
+    config: SfmConfig,
+    out: Path,
+    *,
+    threads: int = 1,
+    progress: Progress = no_progress,
+) -> Scene:
+    """Write a scene folder to ``out`` and return the scene.
+
+    ``masks`` holds ``NAME.png`` for every view, 255 = object. ``threads`` serve extraction and
+    matching and never change a result. Besides the scene, ``out/sfm.log`` keeps COLMAP's log,
+    ``out/keypoints.npz`` the key points (``names`` [V], ``counts`` [V], ``xy`` [K, 2] pixels of
+    the scene's photos, ``inside`` [K]), ``out/points.ply`` the points and ``out/sfm.png`` a picture
+    of it all.
+
+    Raises :class:`InputError` for photos or masks that cannot be used, before any work, and
+    :class:`StageError` when nothing, or fewer than ``config.min_registered`` of the views, could
+    be registered, or when COLMAP crashed.
+    """
+    empty = check(capture, masks)
+    workspace = out / WORKSPACE
+    if workspace.exists():
+        shutil.rmtree(workspace)
+    workspace.mkdir(parents=True)
+    job = _job(capture, masks, config, workspace, threads)
+    try:
+        answer = run_worker(job, out / LOG_FILE, progress)
+        _require(capture, answer, config)
+        model = sparse.read_model(workspace / MODEL_FOLDER)
+        views, model, planes = assemble.write_views(capture, masks, model, out)
+        assemble.write_keypoints(workspace / KEYPOINTS_FILE, planes, out / KEYPOINTS_FILE)
+    finally:
+        shutil.rmtree(workspace, ignore_errors=True)
+    points = assemble.vote(views, model)
+    extra = _report(capture, views, answer, empty) | {"points_source": "triangulated"}
+    on_object = len(sparse.on_object(points).xyz)
+    if on_object < FEW_OBJECT_POINTS:
+        extra["fallbacks"].append(
+            f"{on_object} points on the object, fewer than {FEW_OBJECT_POINTS}: "
+            f"{config.random_points} random ones added inside the masks' visual hull"
+        )
+        extra["points_source"] = (
+            "triangulated and random in the visual hull"
+            if len(points.xyz)
+            else "random in the visual hull"
+        )
+        points = hull.joined(points, hull.fill(views, config.random_points, config.seed))
+    extra["points"] = len(points.xyz)
+    extra["object_points"] = len(sparse.on_object(points).xyz)
+    extra["triangulated"] = len(model.xyz)
+    sparse.write_model(model, out / "sparse" / "0")
+    sparse.write_ply(points, out / "points.ply")
+    scene = Scene(capture.name, out, views, extra)
+    scene.save(points)
+    sfm_figure.draw(scene, out / FIGURE_FILE)
+    return scene
+
+
+def _job(
+    capture: PreparedCapture, masks: Path, config: SfmConfig, workspace: Path, threads: int
+) -> Job:
+    given = capture.cameras_are == "given"
+    keep_poses = given and config.poses == "auto"
+    rows = []
+    for view in capture.views:
+        if keep_poses and view.camera is None:
+            continue  # stays without a camera, and is reported
+        intrinsics = pose = None
+        if given and view.camera is not None:
+            i = view.camera.intrinsics
+            intrinsics = (i.fx, i.fy, i.cx, i.cy)
+            if keep_poses:
+                pose = (*view.camera.rotation.ravel().tolist(), *view.camera.translation.tolist())
+        mask = str(mask_path(masks, view).resolve())
+        size = (view.width, view.height)
+        rows.append(JobView(view.name, str(view.photo.resolve()), mask, *size, intrinsics, pose))
+    return Job(str(workspace.resolve()), tuple(rows), config.model_dump(mode="json"), threads)
+
+
+def _require(capture: PreparedCapture, answer: Answer, config: SfmConfig) -> None:
+    """Refuse a model of too few views, naming those that are missing."""
+    share = len(answer.registered) / len(capture.views)
+    if share >= config.min_registered:
+        return
+    missing = [
+        f"{name} ({answer.keypoints.get(name, (0, 0))[0]} key points)"
+        for name in _missing(capture, answer)
+    ]
+    raise StageError(
+        f"structure-from-motion registered {len(answer.registered)} of {len(capture.views)} views "
+        f"({share:.0%}), expected at least {config.min_registered:.0%}; not registered: "
+        + ", ".join(missing)
+    )
+
+
+def _missing(capture: PreparedCapture, answer: Answer) -> list[str]:
+    registered = set(answer.registered)
+    return [view.name for view in capture.views if view.name not in registered]
+
+
+def _report(
+    capture: PreparedCapture, views: tuple[View, ...], answer: Answer, empty: list[str]
+) -> dict[str, Any]:
+    """Everything that a reader of the results may ask of this stage."""
+    counts = answer.keypoints
+    whole, masked = (sum(c[k] for c in counts.values()) for k in (0, 1))
+    missing = [
+        {"name": n, "keypoints": counts.get(n, (0, 0))[0], "masked": counts.get(n, (0, 0))[1]}
+        for n in _missing(capture, answer)
+    ]
+    return {
+        "mode": answer.mode,
+        "poses": "given" if "map" not in answer.seconds else "estimated",
+        "registered": len(answer.registered),
+        "views": len(capture.views),
+        "registered_share": len(answer.registered) / len(capture.views),
+        "missing": missing,
+        "empty_masks": empty,
+        "models": answer.models,
+        "keypoints": {"original": whole, "masked": masked},
+        "keypoint_reduction": 1 - masked / whole if whole else None,
+        "keypoints_used": answer.used,
+        "pairs": answer.pairs,
+        "matches": answer.matches,
+        "mapped_points": answer.mapped_points,
+        "reprojection_error": answer.reprojection_error,
+        "seconds": {step: round(s, 3) for step, s in answer.seconds.items()},
+        "cpu_seconds": {step: round(s, 3) for step, s in answer.cpu_seconds.items()},
+        "threads": answer.threads,
+        "fallbacks": list(answer.fallbacks),
+        "pose_error": _pose_error(capture, views) if "map" in answer.seconds else None,
+    }
+
+
+def _pose_error(capture: PreparedCapture, views: tuple[View, ...]) -> Mapping[str, float] | None:
+    """Compare estimated poses with those that came with the capture, if any did."""
+    truth = {v.name: v.camera for v in capture.views if v.camera is not None}
+    ours = {v.name: v.camera for v in views if v.camera is not None}
+    if len(set(truth) & set(ours)) < alignment.LEAST_POINTS:
+        return None
+    return dict(vars(alignment.pose_error(ours, truth)))

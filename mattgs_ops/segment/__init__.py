@@ -1,0 +1,1 @@
+"""U²-Net segmentation: architecture, training images, training, export, inference."""

@@ -1,0 +1,192 @@
+"""Cut the object out of every photo of a capture: ``segment(capture, config, out)``.
+
+Writes ``out/masks/NAME.png`` (8-bit, 255 = object), ``out/soft/NAME.png`` (8-bit, the map before
+its threshold) and ``out/masks.json`` (:class:`MaskReport`).
+
+``source``: ``auto`` uses masks that came with the capture (alpha, or the user's own), else U²-Net;
+``given`` insists on masks that came with it, a renderer's exact ones included; ``grabcut`` works
+without a network; ``none`` makes everything the object.
+"""
+
+import shutil
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mattgs_ops.config import SegmentConfig
+from mattgs_ops.errors import InputError, StageError
+from mattgs_ops.mask_files import decode_mask, looks_inverted, polarity_problem
+from mattgs_ops.masks import (
+    Mask,
+    SoftMap,
+    clean,
+    mask_name,
+    quality,
+    threshold,
+)
+from mattgs_ops.progress import Progress, no_progress
+from mattgs_ops.scene import PreparedCapture, View
+from mattgs_ops.segment.network import BUNDLED_MODEL, SaliencyNetwork
+from mattgs_ops.segment.refine import grabcut, grabcut_seeded
+from mattgs_ops.segment.report import MaskReport, ViewReport, border_share, flags_of
+from mattgs_ops.segment.votes import blend, hulls, shrunk
+
+
+def segment(
+    capture: PreparedCapture,
+    config: SegmentConfig,
+    out: Path,
+    *,
+    threads: int = 1,
+    progress: Progress = no_progress,
+) -> MaskReport:
+    """Write a mask for every view; see the module's docstring.
+
+    Raises :class:`InputError` for a bad model or bad given masks, :class:`StageError` naming the
+    photo in which nothing was found.
+    """
+    source = resolve_source(capture, config)
+    network = None
+    if source == "u2net":
+        network = SaliencyNetwork(config.model or BUNDLED_MODEL, threads=threads)
+    if source == "given":
+        check_given(capture.views)
+    for folder in ("masks", "soft"):
+        shutil.rmtree(out / folder, ignore_errors=True)
+        (out / folder).mkdir(parents=True)
+    cv2.setNumThreads(threads)
+    rows: list[tuple[float, float, ViewReport]] = []
+
+    def keep(view: View, soft: SoftMap, mask: Mask) -> None:
+        if not mask.any():
+            raise StageError(f"{view.name}: the segmentation found no object in this photo")
+        _write(out / "masks" / mask_name(view.name), mask)
+        _write(out / "soft" / mask_name(view.name), np.rint(soft * 255).astype(np.uint8))
+        rows.append((border_share(mask), *_scored(view, mask, soft, capture)))
+        progress(len(rows), len(capture.views), f"masks by {source}")
+
+    if network is not None:
+        for view, soft in _soft_maps(capture, network, config, progress):
+            keep(view, soft, _binary(read_photo(view), soft, config))
+    else:
+        for view in capture.views:
+            mask = _without_network(view, source)
+            keep(view, (mask / np.float32(255)).astype(np.float32), mask)
+    flags = flags_of([row[1] for row in rows], [row[0] for row in rows])
+    reports = (
+        ViewReport(row[2].name, row[1], () if source == "none" else flag, row[2].quality)
+        for row, flag in zip(rows, flags, strict=True)
+    )
+    refine = config.refine if source == "u2net" else "none"
+    report = MaskReport(source, refine, network.digest if network else None, tuple(reports))
+    report.save(out / "masks.json")
+    return report
+
+
+def resolve_source(capture: PreparedCapture, config: SegmentConfig) -> str:
+    """Return ``u2net``, ``grabcut``, ``given`` or ``none``; raises :class:`InputError`."""
+    if config.source == "auto":
+        return "given" if capture.masks_are in ("alpha", "given") else "u2net"
+    if config.source == "given" and capture.masks_are == "none":
+        raise InputError(
+            f"{capture.name}: `segment.source` is `given`: expected masks that came with the "
+            "capture (alpha, or a folder of masks), found none"
+        )
+    return config.source
+
+
+def check_given(views: Sequence[View]) -> None:
+    """Read all given masks once, before anything is written.
+
+    Raises :class:`InputError` naming file, expected and found: a missing or broken mask, another
+    size, wholly white or black, or black and white exchanged.
+    """
+    inverted = {}
+    for view in views:
+        mask = given_mask(view)
+        inverted[view.name] = looks_inverted(mask)
+        if mask.all():
+            raise InputError(
+                f"{view.mask}: expected object and background, found a mask that is white all over"
+            )
+    problem = polarity_problem(inverted)
+    if problem:
+        raise InputError(problem)
+
+
+def given_mask(view: View) -> Mask:
+    """Read the mask that came with a view."""
+    if view.mask is None:
+        raise InputError(f"{view.name}: expected a mask that came with the photo, found none")
+    return decode_mask(view.mask, (view.width, view.height))
+
+
+def read_photo(view: View) -> NDArray[np.uint8]:
+    """Read a view's photo, [H, W, 3] RGB."""
+    pixels = cv2.imread(str(view.photo), cv2.IMREAD_COLOR)
+    if pixels is None:
+        raise InputError(f"{view.photo}: expected a readable photo, found something else")
+    return np.ascontiguousarray(pixels[..., ::-1])
+
+
+def _soft_maps(
+    capture: PreparedCapture, network: SaliencyNetwork, config: SegmentConfig, progress: Progress
+) -> Iterator[tuple[View, SoftMap]]:
+    """Yield each view's map; with ``votes`` all views are asked first."""
+    own = _own_maps(capture, network)
+    if config.refine != "votes":
+        yield from own
+        return
+    cameras = [view.camera for view in capture.views if view.camera is not None]
+    if capture.cameras_are != "given" or len(cameras) != len(capture.views):
+        raise InputError(
+            f"{capture.name}: `segment.refine` is `votes`: expected a capture that comes with a "
+            f"camera for each photo, found cameras for {len(cameras)} of {len(capture.views)} "
+            f"({capture.cameras_are}); use `grabcut` or `none`"
+        )
+    kept = []
+    for view, soft in own:  # held as bytes: a capture may have hundreds of photos
+        kept.append((view, np.rint(soft * 255).astype(np.uint8), shrunk(soft)))
+        progress(0, len(capture.views), f"voting: {len(kept)} maps")
+    agreed = hulls([small for _, _, small in kept], cameras)
+    for (view, packed, _), hull in zip(kept, agreed, strict=True):
+        yield view, blend((packed / np.float32(255)).astype(np.float32), hull)
+
+
+def _own_maps(capture: PreparedCapture, network: SaliencyNetwork) -> Iterator[tuple[View, SoftMap]]:
+    for start in range(0, len(capture.views), network.batch):
+        views = capture.views[start : start + network.batch]
+        photos = [read_photo(view) for view in views]
+        maps = network.soft_maps(photos, [view.name for view in views])
+        yield from zip(views, maps, strict=True)
+
+
+def _binary(photo: NDArray[np.uint8], soft: SoftMap, config: SegmentConfig) -> Mask:
+    refined = config.refine in ("grabcut", "votes")
+    return clean(grabcut_seeded(photo, soft) if refined else threshold(soft, config.threshold))
+
+
+def _without_network(view: View, source: str) -> Mask:
+    if source == "given":
+        return given_mask(view)
+    if source == "none":
+        return np.full((view.height, view.width), 255, np.uint8)
+    return clean(grabcut(read_photo(view)))
+
+
+def _scored(
+    view: View, mask: Mask, soft: SoftMap, capture: PreparedCapture
+) -> tuple[float, ViewReport]:
+    share = float((mask > 0).mean())
+    if capture.masks_are != "truth" or view.mask is None:
+        return share, ViewReport(view.name, share, (), None)
+    truth = given_mask(view)
+    return share, ViewReport(view.name, share, (), quality(mask, truth, soft))
+
+
+def _write(path: Path, pixels: NDArray[np.uint8]) -> None:
+    if not cv2.imwrite(str(path), pixels):
+        raise StageError(f"{path}: could not be written")

@@ -1,0 +1,175 @@
+"""Photo, mask, id map and camera of a rendered view agree with one another."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+pytest.importorskip("mitsuba", reason="the `captures` extra is not installed")
+
+from mattgs_ops.errors import InputError
+from mattgs_ops.synthetic import cameras, clutter, parts
+from mattgs_ops.synthetic.desk import Layout, Occupancy, scatter
+from mattgs_ops.synthetic.item import Item
+from mattgs_ops.synthetic.materials import Part, Stage, plain, pose
+from mattgs_ops.synthetic.mesh import box, quad
+from mattgs_ops.synthetic.render import develop, photograph, render_capture
+from mattgs_ops.synthetic.tracer import Layers, Tracer, choose_variant, room_light
+
+WIDTH, HEIGHT = 64, 48
+ORBIT = (cameras.Orbit(35, 22, 1),)
+
+
+@pytest.fixture(scope="module")
+def stage() -> Stage:
+    """Return a red box with a screw, a wire and a label on a grey table."""
+    out = Stage()
+    out.add(quad(80, 80), plain("808080"), own=False)
+    solid = box(5, 4, 3, 0.1)
+    out.add(solid, plain("d02010"), own=True)
+    parts.screw(0.9).place(out, pose(1.4, 1, 3), own=True)
+    parts.wire([[-2, 2, 0.4], [-2, 3.5, 2], [1, 3.8, 0.4]], 0.25, "1020e0").place(
+        out, np.eye(4), own=True
+    )
+    label = parts.decal(["XX"], 2.4, 2.4, (240, 240, 240), (10, 10, 10), 20)
+    label.place(out, pose(-0.9, 0, 3), own=True)
+    out.corners.append(solid.vertices)
+    return out
+
+
+@pytest.fixture(scope="module")
+def tracer(stage: Stage) -> Tracer:
+    assert choose_variant("scalar_rgb") == "scalar_rgb"
+    return Tracer(stage, room_light())
+
+
+@pytest.fixture(scope="module")
+def poses() -> list[np.ndarray]:
+    return cameras.walk(ORBIT, np.array([0.0, 0, 1.5]), 2, np.random.default_rng(3))
+
+
+@pytest.fixture(scope="module")
+def layers(tracer: Tracer, poses: list[np.ndarray]) -> list[Layers]:
+    return [tracer.layers(pose, WIDTH, HEIGHT) for pose in poses]
+
+
+def test_known_corners_lie_in_the_mask_and_where_the_render_has_them(
+    stage: Stage, poses: list[np.ndarray], layers: list[Layers]
+) -> None:
+    corners = stage.corners[0]
+    for to_world, layer in zip(poses, layers, strict=True):
+        camera = cameras.camera(to_world, WIDTH, HEIGHT)
+        pixels, depth = camera.project(corners)
+        assert (depth > 0).all()
+        columns, rows = np.floor(pixels).astype(int).T
+        near_mask = cv2.dilate((layer.coverage > 0).astype(np.uint8), np.ones((3, 3), np.uint8))
+        assert near_mask[rows, columns].all()
+        # a pixel is about 22 / 60 cm wide: corners that are seen are that near to what it shows
+        seen = layer.position[rows, columns]
+        distance = np.linalg.norm(seen - corners, axis=1)
+        hidden = np.linalg.norm(seen - camera.centre, axis=1) < depth - 1.0
+        assert (distance[~hidden] < 1.0).mean() > 0.6
+        assert (~hidden).sum() >= 9  # three of the faces are seen
+
+
+def test_every_pixel_shows_a_point_that_projects_into_it(
+    poses: list[np.ndarray], layers: list[Layers]
+) -> None:
+    for to_world, layer in zip(poses, layers, strict=True):
+        rows, columns = np.nonzero(np.isfinite(layer.position).all(axis=2))
+        camera = cameras.camera(to_world, WIDTH, HEIGHT)
+        pixels, _ = camera.project(layer.position[rows, columns].astype(np.float64))
+        middle = np.column_stack([columns, rows]) + 0.5
+        assert len(rows) > WIDTH * HEIGHT / 2
+        assert np.abs(pixels - middle).max() < 0.02
+
+
+def test_the_photo_shows_the_object_where_the_mask_is(
+    tracer: Tracer, poses: list[np.ndarray], layers: list[Layers]
+) -> None:
+    photo = photograph(tracer, poses[0], WIDTH, HEIGHT, 4, 0, 1.0).astype(int)
+    red = photo[..., 0] - photo[..., 1]
+    plain_part = layers[0].part == Part.REST
+    inside = (layers[0].coverage == 1) & plain_part
+    assert 0.05 < (layers[0].coverage >= 0.5).mean() < 0.5
+    assert np.percentile(red[inside], 20) > 40
+    assert np.percentile(np.abs(red[layers[0].coverage == 0]), 80) < 30
+
+
+def test_small_structures_are_marked(layers: list[Layers]) -> None:
+    for part in (Part.SCREW, Part.WIRE, Part.PRINT):
+        assert any((layer.part == part).sum() >= 3 for layer in layers), part
+    for layer in layers:
+        assert (layer.coverage[layer.part > 0] > 0).all()
+
+
+def test_same_seed_same_photo_another_seed_another_noise(
+    tracer: Tracer, poses: list[np.ndarray]
+) -> None:
+    first, again, other = (tracer.render(poses[0], 32, 24, 4, seed)["light"] for seed in (5, 5, 6))
+    assert np.array_equal(first, again)
+    assert not np.array_equal(first, other)
+
+
+def test_a_walk_is_repeatable_and_looks_at_the_object() -> None:
+    target = np.array([0.0, 0, 5])
+    orbits = (cameras.Orbit(20, 50, 3), cameras.Orbit(50, 40, 1))
+    poses = cameras.walk(orbits, target, 16, np.random.default_rng(1))
+    again = cameras.walk(orbits, target, 16, np.random.default_rng(1))
+    assert np.array_equal(poses, again)
+    assert len(poses) == 16
+    for to_world in poses:
+        pixel, depth = cameras.camera(to_world, 640, 480).project(target[None])
+        assert depth[0] > 30
+        assert np.abs(pixel - [320, 240]).max() < 60
+        assert np.allclose(to_world[:3, :3].T @ to_world[:3, :3], np.eye(3))
+
+
+def test_things_are_laid_beside_the_object_and_apart_from_one_another() -> None:
+    stage, space = Stage(), Occupancy(100, 80)
+    space.take_disc(10)
+    before = space.taken.sum()
+    limit = Layout(clear=10, reach=30, tone=(0, 0, 0), slope=0.2)
+    makes = [clutter.pen, clutter.battery, clutter.pencil, clutter.screwdriver] * 4
+    scatter(stage, np.random.default_rng(0), space, makes, 12, 30, limit=limit)
+    points = np.concatenate([mesh.vertices for mesh, _, _, own in stage.merged() if not own])
+    radius = np.linalg.norm(points[:, :2], axis=1)
+    assert radius.min() > 9
+    assert np.abs(points[:, :2]).max(axis=0).tolist() < [50.0, 40.0]
+    # a screwdriver is 2.4 high: none nearer than that allows
+    assert radius[points[:, 2] > 2.5].min() > 2.4 / 0.2 + 5 - 19 / 2
+    assert space.taken.sum() > before
+
+
+def test_nothing_is_put_where_something_stands() -> None:
+    space = Occupancy(100, 100)
+    space.take_disc(10)
+    assert not space.try_take(5, 5, Item(4, 4, 1), 30)
+    assert not space.try_take(20, 0, Item(4, 4, 1), 0, keep=30)
+    assert space.try_take(20, 0, Item(4, 4, 1), 0)
+    assert not space.try_take(21, 1, Item(4, 4, 1), 45)
+    assert not space.try_take(60, 0, Item(4, 4, 1), 0)
+
+
+def test_light_is_developed_to_srgb() -> None:
+    light = np.array([[[0.0, 1e3, np.log(2)]]], dtype=np.float32)
+    # half the light is sRGB 188
+    assert develop(light, 1.0).tolist() == [[[0, 255, 188]]]
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "message"),
+    [("castle", {}, "expected one of rover"), ("rover", {"views": 0}, "positive")],
+)
+def test_bad_requests_are_refused(
+    tmp_path: Path, name: str, options: dict[str, int], message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        render_capture(name, tmp_path / "out", **options)  # type: ignore[arg-type]
+
+
+def test_a_capture_is_not_written_over(tmp_path: Path) -> None:
+    (tmp_path / "transforms.json").touch()
+    with pytest.raises(InputError, match="found transforms"):
+        render_capture("rover", tmp_path)

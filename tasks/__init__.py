@@ -1,0 +1,1 @@
+"""One task per operation: cache key, retries, timeouts, resource limits and logging."""

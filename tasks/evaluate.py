@@ -1,0 +1,49 @@
+"""Render and score one experiment's splats (``mattgs_ops/evaluate.py``); speed comes later."""
+
+from pathlib import Path
+from typing import Any
+
+from mattgs_ops.config import BenchmarkConfig, Condition
+from mattgs_ops.progress import Progress
+from tasks.stage import Artifact, Cell, Place, Stage, perform
+
+
+def evaluate(
+    place: Place, cell: Cell, scene: Artifact, splats: Artifact, config: BenchmarkConfig
+) -> Artifact:
+    """Return the folder with ``evaluation.json``, ``renders/`` and ``truth/``."""
+    settings = {
+        "condition": cell.condition,
+        "resolution": config.resolution,
+        "ssim_lambda": config.train.ssim_lambda,
+    }
+    stage = Stage(
+        name="evaluate",
+        title=f"evaluate {cell}",
+        operation="tasks.evaluate:operate",
+        parameters=settings,
+        inputs={"scene": scene.digest, "splats": splats.digest},
+        arguments=settings
+        | {"scene": str(place.folder(scene)), "splats": str(place.folder(splats))},
+    )
+    return perform(place, stage)
+
+
+def operate(arguments: dict[str, Any], out: Path, threads: int, progress: Progress) -> None:
+    """Run in the stage's process."""
+    from mattgs_ops.evaluate import render_views, score
+    from mattgs_ops.scene import Scene
+    from mattgs_ops.splat.report import TrainingReport
+
+    splats = Path(arguments["splats"])
+    render_views(
+        Scene.load(Path(arguments["scene"])),
+        splats / "splats.ply",
+        Condition.parse(arguments["condition"]),
+        arguments["resolution"],
+        out,
+        background=TrainingReport.load(splats).background,
+        threads=threads,
+        progress=progress,
+    )
+    score(out, ssim_lambda=arguments["ssim_lambda"], progress=progress)

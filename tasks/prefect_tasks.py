@@ -1,0 +1,59 @@
+"""The stages as Prefect sees them: names for people, retries, no cache of its own.
+
+Prefect's result cache is off: stages are looked up in the content-addressed store, whose keys see
+contents and code. Retries are for processes that were killed or crashed; an operation that says
+why it failed would say the same again.
+"""
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from prefect import Task, task
+from prefect.cache_policies import NO_CACHE
+from prefect.client.schemas.objects import State, TaskRun
+
+from tasks.evaluate import evaluate as evaluate_stage
+from tasks.measure import measure as measure_stage
+from tasks.prepare import prepare as prepare_stage
+from tasks.record import record as record_row
+from tasks.segment import segment as segment_stage
+from tasks.sfm import sfm as sfm_stage
+from tasks.stage_process import CrashError
+from tasks.train import train as train_stage
+
+RETRY_DELAY_SECONDS = 2.0
+
+Result = TypeVar("Result")
+
+
+def crashed(task: Task[Any, Any], run: TaskRun, state: "State[Any]") -> bool:
+    """Whether a failed task is worth another try."""
+    del task, run
+    try:
+        state.result()
+    except CrashError:
+        return True
+    except Exception:
+        return False
+    return False
+
+
+def _stage(function: Callable[..., Result], run_name: str) -> "Task[..., Result]":
+    return task(
+        name=function.__name__,
+        task_run_name=run_name,
+        cache_policy=NO_CACHE,
+        persist_result=False,
+        retries=1,
+        retry_delay_seconds=RETRY_DELAY_SECONDS,
+        retry_condition_fn=crashed,
+    )(function)
+
+
+prepare = _stage(prepare_stage, "prepare {capture.name}")
+segment = _stage(segment_stage, "segment {name}")
+sfm = _stage(sfm_stage, "sfm {name}")
+train = _stage(train_stage, "train {cell}")
+evaluate = _stage(evaluate_stage, "evaluate {cell}")
+measure = _stage(measure_stage, "measure {name}")
+record = _stage(record_row, "record {row[capture]} {row[condition]} seed {row[seed]}")

@@ -1,0 +1,40 @@
+"""Prepare a capture: photos validated, upright, split (``mattgs_ops/captures.py``)."""
+
+from pathlib import Path
+from typing import Any
+
+from mattgs_ops.config import BenchmarkConfig, CaptureConfig
+from mattgs_ops.progress import Progress
+from tasks.capture_files import capture_digest
+from tasks.stage import Artifact, Place, Stage, perform
+
+
+def prepare(place: Place, capture: CaptureConfig, config: BenchmarkConfig) -> Artifact:
+    """Return the prepared capture; raises :class:`InputError` listing all that is wrong with it.
+
+    Runs where the photos are. The key holds the contents of every file of the capture, so a
+    changed photo is seen and an unchanged folder that moved is not.
+    """
+    stage = Stage(
+        name="prepare",
+        title=f"prepare {capture.name}",
+        operation="tasks.prepare:operate",
+        parameters={
+            "name": capture.name,
+            "kind": capture.kind,
+            "bundled": capture.path is None,
+            "test_every": config.test_every,
+        },
+        inputs={"files": capture_digest(capture)},
+        arguments={"capture": capture.model_dump(mode="json"), "test_every": config.test_every},
+    )
+    return perform(place, stage)
+
+
+def operate(arguments: dict[str, Any], out: Path, threads: int, progress: Progress) -> None:
+    """Run in the stage's process."""
+    del threads
+    from mattgs_ops import captures
+
+    capture = CaptureConfig.model_validate(arguments["capture"])
+    captures.prepare(capture, out, test_every=arguments["test_every"], progress=progress)

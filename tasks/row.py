@@ -1,0 +1,149 @@
+"""From a finished (or failed) experiment's folders to its row; the schema is ``reports/rows.py``'s.
+
+A row holds numbers and references only; everything in it is read from the stages' own reports.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from mattgs_ops.config import BenchmarkConfig, Condition
+from mattgs_ops.digests import file_digest, json_digest
+from tasks.stage import Artifact, Cell, Place, code_versions
+
+SCHEMA = 1
+# Stage → what a row calls its folder.
+ARTIFACT_NAMES = {
+    "prepare": "capture",
+    "segment": "masks",
+    "sfm": "scene",
+    "train": "train",
+    "evaluate": "evaluate",
+}
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How one experiment's stages ended: what they made, and why they stopped if they did."""
+
+    cell: Cell
+    artifacts: dict[str, Artifact] = field(default_factory=dict)
+    reason: str | None = None
+
+
+def settings(config: BenchmarkConfig, cell: Cell) -> dict[str, Any]:
+    """Return everything configured that this experiment depends on, nested, as JSON values.
+
+    Where its files lie, and what runs beside it, is no part of it.
+    """
+    condition = Condition.parse(cell.condition)
+    capture = next(c for c in config.captures if c.name == cell.capture)
+    model = config.segment.model
+    values = config.model_dump(
+        mode="json", include={"iterations", "resolution", "test_every", "segment", "sfm", "train"}
+    )
+    values["segment"]["model"] = "bundled" if model is None else file_digest(model)
+    return {
+        "capture": cell.capture,
+        "capture_kind": "bundled" if capture.path is None else capture.kind,
+        "background": condition.background,
+        "method": condition.method,
+        "seed": cell.seed,
+        "method_settings": config.method(condition.method).model_dump(mode="json"),
+        **values,
+    }
+
+
+def make_row(
+    place: Place, config: BenchmarkConfig, outcome: Outcome, speed: Mapping[str, float]
+) -> Row:
+    """Return the experiment's row; ``speed`` joins its metrics, empty until it is measured."""
+    cell, artifacts = outcome.cell, outcome.artifacts
+    condition = Condition.parse(cell.condition)
+    row: Row = {
+        "schema": SCHEMA,
+        "benchmark": config.name,
+        "capture": cell.capture,
+        "condition": cell.condition,
+        "background": condition.background,
+        "method": condition.method,
+        "seed": cell.seed,
+        "iterations": config.iterations,
+        "resolution": config.resolution,
+        "status": "finished" if outcome.reason is None else "failed",
+        "reason": outcome.reason,
+        "metrics": {},
+        "per_view": [],
+        "registration": None,
+        "masks": None,
+        "provenance": _provenance(place, config, outcome),
+        "artifacts": {ARTIFACT_NAMES[name]: place.reference(a) for name, a in artifacts.items()},
+        "seconds": {name: round(a.seconds, 3) for name, a in artifacts.items()},
+        "run_id": None,
+    }
+    if "segment" in artifacts:
+        row["masks"] = _masks(place.folder(artifacts["segment"]))
+    if "sfm" in artifacts:
+        row["registration"] = _registration(place.folder(artifacts["sfm"]))
+    if outcome.reason is None:
+        row |= _scores(place, artifacts, speed)
+    return row
+
+
+def _provenance(place: Place, config: BenchmarkConfig, outcome: Outcome) -> dict[str, Any]:
+    """Say what the row came from: code, configuration, photos, outputs, the training's machine."""
+    digests = {name: artifact.digest for name, artifact in outcome.artifacts.items()}
+    trained = outcome.artifacts.get("train")
+    return {
+        "code_version": json_digest(code_versions()),
+        "config_digest": config_digest(config, outcome.cell),
+        "inputs": {"capture": digests.pop("prepare", None)},
+        "outputs": digests,
+        **({} if trained is None else place.extra(trained).get("machine", {})),
+    }
+
+
+def config_digest(config: BenchmarkConfig, cell: Cell) -> str:
+    """Return SHA-256 of everything configured for an experiment."""
+    return json_digest(settings(config, cell))
+
+
+def _scores(
+    place: Place, artifacts: dict[str, Artifact], speed: Mapping[str, float]
+) -> dict[str, Any]:
+    """Join scores, training time and speed."""
+    training = _read(place.folder(artifacts["train"]) / "training.json")
+    evaluation = _read(place.folder(artifacts["evaluate"]) / "evaluation.json")
+    metrics = dict(evaluation["metrics"])
+    metrics |= {"time": training["wall_seconds"], "cpu_time": training["cpu_seconds"]}
+    metrics |= speed
+    return {"metrics": metrics, "per_view": evaluation["per_view"]}
+
+
+def _masks(folder: Path) -> dict[str, Any]:
+    report = _read(folder / "masks.json")
+    flagged = [view["name"] for view in report["views"] if view["flags"]]
+    means = report.get("means") or {}
+    return {
+        "source": report["source"],
+        "mean_iou": report["mean_iou"],
+        "model": report["model"],
+        "flagged": flagged,
+        "means": means,
+    }
+
+
+def _registration(folder: Path) -> dict[str, Any]:
+    """Return what structure-from-motion reported; ``missing`` names test views without a pose."""
+    scene = _read(folder / "scene.json")
+    lost = [view for view in scene["views"] if view["camera"] is None]
+    missing = [view["name"] for view in lost if view["split"] == "test"]
+    return {**scene["extra"], "missing": missing, "unregistered": [view["name"] for view in lost]}
+
+
+def _read(path: Path) -> dict[str, Any]:
+    data: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return data

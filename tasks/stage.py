@@ -1,0 +1,177 @@
+"""One stage of one experiment: looked up in the store, else done, and kept.
+
+:func:`perform` is what every stage task calls. A finished stage is never repeated; two flows never
+do it at once; an interrupted one goes on in its work folder. What passes between tasks is an
+:class:`Artifact`, a reference into the store; folders never travel.
+"""
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import mattgs_ops
+from mattgs_ops import provenance
+from mattgs_ops.code_version import STAGES, code_version
+from mattgs_ops.config import RunConfig
+from mattgs_ops.store import Finished, Slot, Store, stage_key
+from tasks import quiet, stage_process
+from tasks.status import StatusFile, read
+
+KEY_LETTERS = 8  # of a key, in names of log files
+SOURCE_SUFFIXES = {".py", ".cpp", ".h", ".so"}
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One experiment of a benchmark's grid; prints as people say it."""
+
+    capture: str
+    condition: str
+    seed: int
+
+    def __str__(self) -> str:
+        return f"{self.capture} {self.condition} seed {self.seed}"
+
+
+@dataclass(frozen=True)
+class Artifact:
+    """A finished stage: its key, the digest of what it produced, and what that took.
+
+    ``seconds`` are those of the run that produced it; ``cached`` says that this was not now.
+    """
+
+    stage: str
+    key: str
+    digest: str
+    seconds: float
+    cached: bool
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a benchmark works. Never part of a key: another place, the same results."""
+
+    out: Path
+    benchmark: str
+    run: RunConfig = field(default_factory=RunConfig)
+
+    @property
+    def store(self) -> Path:
+        """Folder of the finished stages."""
+        return self.out / "store"
+
+    @property
+    def status(self) -> Path:
+        """Folder of the status files."""
+        return self.out / "status" / self.benchmark
+
+    @property
+    def logs(self) -> Path:
+        """Folder of the stages' logs."""
+        return self.out / "logs"
+
+    def reference(self, artifact: Artifact) -> str:
+        """Return where an artifact's files lie, relative to the store."""
+        return str(self.folder(artifact).relative_to(self.store.resolve()))
+
+    def folder(self, artifact: Artifact) -> Path:
+        """Return the local folder of an artifact's files."""
+        return Store(self.store).folder(artifact.key)
+
+    def extra(self, artifact: Artifact) -> Mapping[str, Any]:
+        """Return what was noted when the artifact was made: seconds, threads, the machine."""
+        found = Store(self.store).find(artifact.key, contents=False)
+        return {} if found is None else found.extra
+
+
+@dataclass(frozen=True)
+class Stage:
+    """What to do.
+
+    ``parameters`` and ``inputs`` (name → digest) make the key, with the code's version;
+    ``arguments`` are what ``operation`` (``MODULE:FUNCTION``) is called with, and may hold paths.
+    ``resumes``: the operation goes on from what an interrupted attempt left in its work folder;
+    ``alone``: it waits until nothing else runs on this machine.
+    """
+
+    name: str
+    title: str
+    operation: str
+    parameters: Mapping[str, Any]
+    inputs: Mapping[str, str]
+    arguments: Mapping[str, Any]
+    resumes: bool = False
+    alone: bool = False
+
+
+def perform(place: Place, stage: Stage) -> Artifact:
+    """Return the stage's artifact, made now unless the store has it.
+
+    Raises what the operation raised, and :class:`StageError` when its process crashed or was
+    ended.
+    """
+    status = StatusFile(place.status / f"{slug(stage.title)}.json")
+    before = read(status.path)
+    status.begin(stage.title, stage.name)
+    version = _code_version(stage.name, _source_times())
+    key = stage_key(stage.name, version, stage.parameters, stage.inputs)
+    try:
+        with Store(place.store).stage(key, resume=stage.resumes) as slot:
+            cached = slot.finished is not None
+            finished = slot.finished or _make(place, stage, slot, status)
+    except Exception as error:
+        status.end("failed", str(error))
+        raise
+    if cached and before is not None and before.state in ("done", "cached"):
+        status.restore(before)  # asked for twice in one run: the first answer says what it took
+    else:
+        status.end("cached" if cached else "done")
+    seconds = float(finished.extra["seconds"])
+    return Artifact(stage.name, finished.key, finished.digest, seconds, cached)
+
+
+def _make(place: Place, stage: Stage, slot: Slot, status: StatusFile) -> Finished:
+    name = f"{slug(stage.title)}-{slot.key.digest[:KEY_LETTERS]}.log"
+    job = stage_process.StageJob(
+        title=stage.title,
+        operation=stage.operation,
+        arguments=dict(stage.arguments),
+        out=slot.work,
+        log=place.logs / name,
+        status=status.path,
+        threads=place.run.threads,
+        timeout=place.run.stage_timeout,
+    )
+    status.progress(0, 0, "waiting for a quiet machine" if stage.alone else "")
+    with quiet.alone() if stage.alone else quiet.busy():
+        began = time.monotonic()
+        stage_process.run(job)
+        seconds = round(time.monotonic() - began, 3)
+    return slot.finish({"seconds": seconds, "machine": provenance.describe(place.run.threads)})
+
+
+def code_versions() -> dict[str, str]:
+    """Return the digest of the code behind each stage."""
+    times = _source_times()
+    return {name: _code_version(name, times) for name in STAGES}
+
+
+@lru_cache(maxsize=32)
+def _code_version(name: str, times: tuple[tuple[str, int], ...]) -> str:
+    """Digest the code behind a stage, its task's included, again when a source was touched."""
+    del times
+    return code_version(name, f"tasks.{name}")
+
+
+def _source_times() -> tuple[tuple[str, int], ...]:
+    roots = (Path(mattgs_ops.__file__).parent, Path(__file__).parent)
+    sources = sorted(p for root in roots for p in root.rglob("*") if p.suffix in SOURCE_SUFFIXES)
+    return tuple((str(path), path.stat().st_mtime_ns) for path in sources)
+
+
+def slug(title: str) -> str:
+    """Turn a title into a file name."""
+    return title.replace(" ", "-")

@@ -1,0 +1,92 @@
+"""What each stage of a benchmark is doing right now, as small JSON files that anyone may read.
+
+One file per stage, replaced atomically::
+
+    {"title": "train rover nobg-ours seed 0", "stage": "train", "state": "running",
+     "done": 300, "total": 1000, "note": "24.1 dB", "started": 1763…, "updated": 1763…}
+
+``state`` is ``waiting``, ``running``, ``done``, ``cached`` or ``failed``; times are seconds since
+the epoch. The files serve people only: no result depends on them, and losing them loses nothing.
+"""
+
+import json
+import os
+import time
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+State = Literal["waiting", "running", "done", "cached", "failed"]
+THROTTLE_SECONDS = 0.5  # a progress report is written at most this often
+
+
+@dataclass(frozen=True)
+class Status:
+    """How far one stage is: ``done`` of ``total`` units, in a ``state`` since ``started``."""
+
+    title: str
+    stage: str
+    state: State = "waiting"
+    done: int = 0
+    total: int = 0
+    note: str = ""
+    started: float = 0.0
+    updated: float = 0.0
+
+    @property
+    def seconds(self) -> float:
+        """Seconds from start to the last report."""
+        return max(0.0, self.updated - self.started)
+
+
+class StatusFile:
+    """Writes one stage's status; cheap to call often."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._last_write = 0.0
+
+    def begin(self, title: str, stage: str) -> None:
+        """State that the stage runs from now on."""
+        now = time.time()
+        self._write(Status(title, stage, "running", started=now, updated=now))
+
+    def progress(self, done: int, total: int, note: str) -> None:
+        """Take an operation's report, see ``mattgs_ops/progress.py``."""
+        now = time.monotonic()
+        if now - self._last_write < THROTTLE_SECONDS and done < total:
+            return
+        self._last_write = now
+        status = read(self.path)
+        if status is not None:
+            self._write(replace(status, done=done, total=total, note=note, updated=time.time()))
+
+    def end(self, state: State, note: str = "") -> None:
+        """State how the stage ended."""
+        status = read(self.path) or Status(self.path.stem, "")
+        done = status.total if state in ("done", "cached") else status.done
+        self._write(replace(status, state=state, done=done, note=note, updated=time.time()))
+
+    def restore(self, status: Status) -> None:
+        """Put back what was there before."""
+        self._write(status)
+
+    def _write(self, status: Status) -> None:
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        temporary = self.path.with_suffix(f".{os.getpid()}.tmp")
+        temporary.write_text(json.dumps(asdict(status)), encoding="utf-8")
+        temporary.replace(self.path)
+
+
+def read(path: Path) -> Status | None:
+    """Return one stage's status; None when there is none (yet)."""
+    try:
+        return Status(**json.loads(path.read_text(encoding="utf-8")))
+    except FileNotFoundError:
+        return None
+
+
+def read_all(folder: Path) -> list[Status]:
+    """Return the status of every stage below ``folder``, in order of start."""
+    found = [read(path) for path in sorted(folder.glob("*.json"))]
+    return sorted((s for s in found if s is not None), key=lambda s: (s.started, s.title))

@@ -1,0 +1,55 @@
+"""Train the splats of one experiment (``mattgs_ops/splat/train.py``)."""
+
+from pathlib import Path
+from typing import Any
+
+from mattgs_ops.config import BenchmarkConfig, Condition, MethodConfig, TrainConfig
+from mattgs_ops.progress import Progress
+from tasks.stage import Artifact, Cell, Place, Stage, perform
+
+
+def train(place: Place, cell: Cell, scene: Artifact, config: BenchmarkConfig) -> Artifact:
+    """Return the folder with ``splats.ply``, ``training.json`` and ``curve.csv``.
+
+    A killed training goes on from its last checkpoint, which lies in the work folder.
+    """
+    condition = Condition.parse(cell.condition)
+    settings = {
+        "background": condition.background,
+        "method": config.method(condition.method).model_dump(mode="json"),
+        "train": config.train.model_dump(mode="json"),
+        "iterations": config.iterations,
+        "resolution": config.resolution,
+        "seed": cell.seed,
+    }
+    unimportant = {"checkpoint_every"}  # when to save never changes what comes out
+    kept = config.train.model_dump(mode="json", exclude=unimportant)
+    stage = Stage(
+        name="train",
+        title=f"train {cell}",
+        operation="tasks.train:operate",
+        parameters=settings | {"train": kept},
+        inputs={"scene": scene.digest},
+        arguments=settings | {"scene": str(place.folder(scene)), "name": condition.method},
+        resumes=True,
+    )
+    return perform(place, stage)
+
+
+def operate(arguments: dict[str, Any], out: Path, threads: int, progress: Progress) -> None:
+    """Run in the stage's process."""
+    from mattgs_ops.scene import Scene
+    from mattgs_ops.splat.train import train as train_splats
+
+    train_splats(
+        Scene.load(Path(arguments["scene"])),
+        Condition(background=arguments["background"], method=arguments["name"]),
+        MethodConfig.model_validate(arguments["method"]),
+        TrainConfig.model_validate(arguments["train"]),
+        iterations=arguments["iterations"],
+        resolution=arguments["resolution"],
+        seed=arguments["seed"],
+        out=out,
+        threads=threads,
+        progress=progress,
+    )

@@ -1,0 +1,107 @@
+"""Rows in, a folder of report out: page, Markdown, tables and figures.
+
+The same rows give the same bytes: nothing is stamped with a date, a host or a random number, and
+rows are sorted before anything is written. What is missing is listed in the report.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from reports import figures, formats, page, photo_figures, pictures, verdict
+from reports.figures import Saved
+from reports.formats import Table
+from reports.pictures import Gallery
+from reports.rows import Row, captures, cells, problems, refused
+from reports.side_tables import all_tables
+
+FORMATS = {"md": formats.markdown, "tex": formats.latex, "csv": formats.csv}
+
+
+def build(
+    rows: Sequence[Row],
+    out: Path,
+    *,
+    title: str,
+    artifacts_root: Path | None,
+    summary: Mapping[str, Any] | None = None,
+) -> Path:
+    """Write the report of ``rows`` into ``out`` and return the path of ``report.html``.
+
+    ``artifacts_root`` is the folder that rows' artifacts are relative to; without it (or where an
+    artifact is not on this disk) the pictures are left out and listed as missing. ``summary`` is
+    printed under the title as label and value. Raises :class:`InputError` for rows that do not
+    say which cell they belong to.
+    """
+    wrong = problems(rows)
+    good = refused(rows)
+    mine = cells(good)
+    out.mkdir(parents=True, exist_ok=True)
+    ordered = [row for cell in mine for row in cell.rows]
+    _write(out / "rows.json", json.dumps(ordered, indent=1, sort_keys=True, allow_nan=False) + "\n")
+    tables = all_tables(good)
+    for table in tables:
+        for suffix, form in FORMATS.items():
+            _write(out / "tables" / f"{table.slug}.{suffix}", form(table))
+    found = [pictures.gallery(name, mine, artifacts_root) for name in captures(good)]
+    drawn = _draw(ordered, found, artifacts_root, out / "figures")
+    judged = verdict.verdicts(good)
+    line = verdict.summary_line(good)
+    html = page.render(
+        title=title,
+        summary=line,
+        facts=dict(summary or {}),
+        verdicts=judged,
+        tables=tables,
+        figures=drawn,
+        galleries=found,
+        root=artifacts_root,
+        problems=wrong,
+    )
+    missing = [text for gallery in found for text in gallery.missing]
+    _write(
+        out / "report.md", _markdown(title, line, judged, tables, drawn, [*wrong, *missing], out)
+    )
+    path = out / "report.html"
+    _write(path, html)
+    return path
+
+
+def _draw(
+    rows: Sequence[Row], found: Sequence[Gallery], root: Path | None, folder: Path
+) -> list[Saved]:
+    with figures.style():
+        plots = [figures.trade_off(rows, folder), figures.training_curves(rows, root, folder)]
+        photos = photo_figures.all_photo_figures(found, cells(rows), root, folder)
+    return [figure for figure in (*photos, *plots) if figure is not None]
+
+
+def _markdown(
+    title: str,
+    line: str,
+    judged: Sequence[verdict.Verdict],
+    tables: Sequence[Table],
+    drawn: Sequence[Saved],
+    missing: Sequence[str],
+    out: Path,
+) -> str:
+    parts = [f"# {title}", "", line, "", "## Verdict", ""]
+    for one in judged:
+        parts.append(f"- **{one.headline}**")
+        parts += [f"  - {detail}" for detail in one.details]
+    parts += ["", "## Tables", ""]
+    parts += [formats.markdown(table) for table in tables]
+    if drawn:
+        parts += ["## Figures", ""]
+        for figure in drawn:
+            link = figure.png.relative_to(out).as_posix()
+            parts += [f"![{figure.caption}]({link})", "", f"*{figure.caption}*", ""]
+    if missing:
+        parts += ["## Not shown", "", *(f"- {text}" for text in missing), ""]
+    return "\n".join(parts).rstrip() + "\n"
+
+
+def _write(path: Path, text: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, encoding="utf-8", newline="\n")

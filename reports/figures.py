@@ -1,0 +1,238 @@
+"""Figures that plot numbers: quality against cost, training curves. And how all figures look.
+
+Vector PDF and PNG of each; the same rows give the same bytes: fonts are embedded as they are, and
+no file carries a date.
+"""
+
+import csv
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import cycle, islice
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from reports.pictures import artifact
+from reports.rows import (
+    METHOD_ORDER,
+    Cell,
+    Row,
+    capture_name,
+    captures,
+    cells,
+    condition_name,
+)
+
+# Okabe & Ito (2008): eight colours that colour-blind readers can tell apart
+PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+MARKS = {"original": "o", "nobg": "s"}
+DASHES = {"original": "--", "nobg": "-"}
+STYLE = {
+    "font.family": "DejaVu Sans",
+    "font.size": 8,
+    "axes.titlesize": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#d9dde2",
+    "grid.linewidth": 0.6,
+    "axes.edgecolor": "#5c6670",
+    "legend.frameon": False,
+    "figure.dpi": 100,
+    "pdf.fonttype": 42,
+}
+PNG_DPI = 160
+NOISY = ("psnr", "loss")  # of one training view each, so that they jump from step to step
+SMOOTH_SHARE = 10  # the running mean's window is the curve's length divided by this
+LEGEND_WIDTH, LEGEND_HEIGHT = 1.3, 0.18  # inches that one entry takes
+
+
+@dataclass(frozen=True)
+class Saved:
+    """A figure on disk: ``stem`` without suffix; ``pictorial`` ones hold photos."""
+
+    slug: str
+    caption: str
+    stem: Path
+    pictorial: bool = False
+
+    @property
+    def png(self) -> Path:
+        """The raster form."""
+        return self.stem.with_suffix(".png")
+
+
+@contextmanager
+def style() -> Iterator[None]:
+    """Set the look of everything drawn inside."""
+    with mpl.rc_context(STYLE):
+        yield
+
+
+def save(
+    figure: Figure, folder: Path, slug: str, caption: str, *, pictorial: bool = False
+) -> Saved:
+    """Write ``slug.png`` and ``slug.pdf`` without dates."""
+    folder.mkdir(parents=True, exist_ok=True)
+    stem = folder / slug
+    figure.savefig(stem.with_suffix(".pdf"), metadata={"CreationDate": None})
+    figure.savefig(stem.with_suffix(".png"), dpi=PNG_DPI, metadata={"Software": None})
+    return Saved(slug, caption, stem, pictorial)
+
+
+def colours(rows: Sequence[Row]) -> dict[str, str]:
+    """Give each method its colour; 3DGS and Ours keep theirs whatever else there is."""
+    others = sorted({row["method"] for row in rows} - set(METHOD_ORDER))
+    methods = [*METHOD_ORDER, *others]
+    return dict(zip(methods, islice(cycle(PALETTE), len(methods)), strict=True))
+
+
+def _mean(cell: Cell, metric: str) -> float | None:
+    values = [row["metrics"][metric] for row in cell.finished if row["metrics"].get(metric)]
+    return sum(values) / len(values) if values else None
+
+
+def trade_off(rows: Sequence[Row], folder: Path) -> Saved | None:
+    """Quality inside the mask against size (upper row) and time (lower row), one column each."""
+    mine = [cell for cell in cells(rows) if cell.finished]
+    names = captures(row for cell in mine for row in cell.finished)
+    if not names:
+        return None
+    in_mask = any(_mean(cell, "mask_psnr") is not None for cell in mine)
+    metric = "mask_psnr" if in_mask else "psnr"
+    label = "PSNR in mask (dB)" if in_mask else "PSNR (dB)"
+    figure = Figure(figsize=(max(2.5 * len(names), 3.2) + 0.5, 4.8))
+    grid = figure.subplots(2, len(names), squeeze=False)
+    tones = colours(rows)
+    for place, name in enumerate(names):
+        members = [cell for cell in mine if cell.key.capture == name]
+        for axes, cost, text in (
+            (grid[0][place], "size_mb", "Size (MB)"),
+            (grid[1][place], "time", "Time (s)"),
+        ):
+            _scatter(axes, members, cost, metric, tones)
+            axes.set_xlabel(text)
+        grid[0][place].set_title(capture_name(name))
+    for axes in grid[:, 0]:
+        axes.set_ylabel(label)
+    _legend(figure, _handles(mine, tones))
+    caption = (
+        f"{label} on held-out views against file size and training time: up and to the left is "
+        "better. Lines join the methods on one background."
+    )
+    return save(figure, folder, "figure-trade-off", caption)
+
+
+def _scatter(
+    axes: Axes, members: Sequence[Cell], cost: str, metric: str, tones: dict[str, str]
+) -> None:
+    for background, mark in MARKS.items():
+        points = []
+        for cell in members:
+            x, y = _mean(cell, cost), _mean(cell, metric)
+            if cell.key.background == background and x is not None and y is not None:
+                points.append((x, y, tones[cell.key.method]))
+        axes.plot(
+            [p[0] for p in points],
+            [p[1] for p in points],
+            color="#aab2bb",
+            linewidth=0.9,
+            linestyle=DASHES[background],
+            zorder=1,
+        )
+        for x, y, tone in points:
+            face = tone if background == "nobg" else "white"
+            axes.plot(x, y, mark, color=tone, markerfacecolor=face, markersize=7, zorder=2)
+    axes.margins(0.2)
+
+
+def _handles(mine: Sequence[Cell], tones: dict[str, str]) -> list[Line2D]:
+    seen = dict.fromkeys((cell.key.background, cell.key.method) for cell in mine)
+    return [
+        Line2D(
+            [],
+            [],
+            color=tones[method],
+            marker=MARKS[background],
+            markerfacecolor=tones[method] if background == "nobg" else "white",
+            linestyle="",
+            label=condition_name(background, method),
+        )
+        for background, method in seen
+    ]
+
+
+def _legend(figure: Figure, handles: Sequence[Line2D]) -> None:
+    """Lay out the axes above a legend at the bottom edge."""
+    across = max(1, min(len(handles), int(figure.get_figwidth() / LEGEND_WIDTH)))
+    rows = -(-len(handles) // across)
+    bottom = (0.08 + LEGEND_HEIGHT * rows) / figure.get_figheight()
+    figure.tight_layout(rect=(0, bottom, 1, 1))
+    labels = [str(handle.get_label()) for handle in handles]
+    figure.legend(handles, labels, loc="lower center", ncols=across, borderaxespad=0.2)
+
+
+def training_curves(rows: Sequence[Row], root: Path | None, folder: Path) -> Saved | None:
+    """PSNR, loss and number of splats over training, per capture; the lowest seed of each cell."""
+    found: dict[str, list[tuple[Cell, dict[str, list[float]]]]] = {}
+    for cell in cells(rows):
+        train = artifact(cell.finished[0], "train", root) if cell.finished else None
+        if train is not None and (train / "curve.csv").is_file():
+            found.setdefault(cell.key.capture, []).append((cell, read_curve(train / "curve.csv")))
+    if not found:
+        return None
+    shown = (("psnr", "PSNR, training view (dB)"), ("loss", "Loss"), ("splats", "Splats"))
+    figure = Figure(figsize=(max(2.5 * len(found), 3.2) + 0.5, 6.2))
+    grid = figure.subplots(len(shown), len(found), squeeze=False, sharex="col")
+    tones = colours(rows)
+    for place, (capture, curves) in enumerate(found.items()):
+        grid[0][place].set_title(capture_name(capture))
+        for level, (key, label) in enumerate(shown):
+            axes = grid[level][place]
+            for cell, curve in curves:
+                if key not in curve:
+                    continue
+                tone = tones[cell.key.method]
+                if key in NOISY:
+                    axes.plot(curve["step"], curve[key], color=tone, linewidth=0.4, alpha=0.3)
+                axes.plot(
+                    curve["step"],
+                    smooth(curve[key]) if key in NOISY else curve[key],
+                    color=tone,
+                    linestyle=DASHES[cell.key.background],
+                    linewidth=1.3,
+                    label=condition_name(cell.key.background, cell.key.method),
+                )
+            if place == 0:
+                axes.set_ylabel(label)
+        grid[1][place].set_yscale("log")
+        grid[-1][place].set_xlabel("Iteration")
+    _legend(figure, [h for h in grid[-1][0].get_lines() if not str(h.get_label()).startswith("_")])
+    caption = (
+        "Training curves; PSNR and loss are of each step's own view, thin as recorded, thick as a "
+        "running mean. The loss of Ours is on its own weighted scale and does not compare "
+        "with that of 3DGS; PSNR does, on one background."
+    )
+    return save(figure, folder, "figure-curves", caption)
+
+
+def smooth(values: Sequence[float]) -> NDArray[np.float64]:
+    """Return the running mean over a tenth of the curve, shorter windows at its ends."""
+    array = np.asarray(values, dtype=np.float64)
+    half = len(array) // (2 * SMOOTH_SHARE)
+    windows = [array[max(0, i - half) : i + half + 1] for i in range(len(array))]
+    return np.array([np.nanmean(w) if np.isfinite(w).any() else np.nan for w in windows])
+
+
+def read_curve(path: Path) -> dict[str, list[float]]:
+    """Read ``curve.csv``: columns by name; empty fields become NaN."""
+    with path.open(encoding="utf-8", newline="") as file:
+        lines = list(csv.DictReader(file))
+    names = list(lines[0]) if lines else []
+    return {name: [float(line[name] or "nan") for line in lines] for name in names}

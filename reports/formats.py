@@ -1,0 +1,305 @@
+"""One table in five formats: plain text, Markdown, LaTeX (booktabs), HTML and CSV.
+
+A :class:`Table` holds text that is already rounded and says which entry is best; nothing is
+decided here. Every renderer is pure and ends its output with a newline.
+"""
+
+import csv as csv_module
+import io
+import textwrap
+from dataclasses import dataclass
+from html import escape
+
+TERMINAL_WIDTH = 100
+RUN = "Run"  # heading of the column of run ids
+SHORT_ID = 8  # letters of a run id that a terminal shows
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One number or word. ``value`` and ``deviation`` keep full precision for the CSV."""
+
+    text: str
+    spread: str = ""
+    best: bool = False
+    value: float | None = None
+    deviation: float | None = None
+
+    @property
+    def full(self) -> str:
+        """Mean and spread as printed."""
+        return f"{self.text} ± {self.spread}" if self.spread else self.text
+
+
+@dataclass(frozen=True)
+class Line:
+    """One row of a table: its label, entries, the runs it came from, marks of footnotes."""
+
+    label: str
+    entries: tuple[Entry, ...]
+    runs: tuple[str, ...] = ()
+    marks: str = ""
+    quoted: bool = False  # somebody else's values, printed beside ours
+
+    @property
+    def name(self) -> str:
+        """Label with its marks."""
+        return self.label + self.marks
+
+
+@dataclass(frozen=True)
+class Group:
+    """Lines that are compared with one another."""
+
+    label: str
+    lines: tuple[Line, ...]
+
+
+@dataclass(frozen=True)
+class Table:
+    """``slug`` names files; ``headings`` fit the entries; ``keys`` are the CSV's column names.
+
+    ``number`` is a Roman numeral where the paper numbers the table, else empty.
+    """
+
+    slug: str
+    title: str
+    headings: tuple[str, ...]
+    keys: tuple[str, ...]
+    groups: tuple[Group, ...]
+    notes: tuple[str, ...] = ()
+    first: str = "Method"
+    with_runs: bool = True
+    number: str = ""
+
+    @property
+    def heading(self) -> str:
+        """Number and title, for formats that do not number by themselves."""
+        return f"Table {self.number}. {self.title}" if self.number else self.title
+
+
+def plain(table: Table) -> str:
+    """Align for a terminal: at most 100 columns where the labels allow it, ``*`` for the best."""
+    spreads = any(e.spread for g in table.groups for line in g.lines for e in line.entries)
+    body = _plain_rows(table, inline=True)
+    if spreads and _width(body) > TERMINAL_WIDTH:
+        body = _plain_rows(table, inline=False)
+    if _width(body) > TERMINAL_WIDTH and table.with_runs:
+        body = [row[:-1] for row in body]
+    widths = [max(len(row[i]) for row in body) for i in range(len(body[0]))]
+    rule = "─" * (sum(widths) + 2 * (len(widths) - 1))
+    lines = [table.heading, rule, _aligned(body[0], widths), rule]
+    label = None
+    for row, group in zip(body[1:], _groups_of(table, len(body) - 1), strict=True):
+        if group != label and label is not None:
+            lines.append("")
+        label = group
+        lines.append(_aligned(row, widths))
+    lines.append(rule)
+    for note in table.notes:
+        lines += _wrapped(note)
+    return "\n".join(line.rstrip() for line in lines) + "\n"
+
+
+def _plain_rows(table: Table, *, inline: bool) -> list[list[str]]:
+    run_heading = [RUN] if table.with_runs else []
+    rows = [["", table.first, *(f"{text} " for text in table.headings), *run_heading]]
+    for group in table.groups:
+        for index, line in enumerate(group.lines):
+            runs = [" ".join(run[:SHORT_ID] for run in line.runs) or "–"] if table.with_runs else []
+            shown = [(e.full.replace(" ± ", "±") if inline else e.text) for e in line.entries]
+            marked = [
+                t + ("*" if e.best else " ") for t, e in zip(shown, line.entries, strict=True)
+            ]
+            rows.append([group.label if index == 0 else "", line.name, *marked, *runs])
+            if not inline and any(e.spread for e in line.entries):
+                below = [f"±{e.spread} " if e.spread else "" for e in line.entries]
+                rows.append(["", "", *below, *([""] if table.with_runs else [])])
+    return rows
+
+
+def _groups_of(table: Table, rows: int) -> list[str]:
+    """Name the group of each printed row, so that groups can be set apart."""
+    lines = [group.label for group in table.groups for _ in group.lines]
+    factor = rows // len(lines) if lines else 1
+    if factor * len(lines) == rows:
+        return [label for label in lines for _ in range(factor)]
+    out = []
+    for group in table.groups:
+        for line in group.lines:
+            out += [group.label] * (2 if any(e.spread for e in line.entries) else 1)
+    return out
+
+
+def _width(rows: list[list[str]]) -> int:
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    return sum(widths) + 2 * (len(widths) - 1)
+
+
+def _aligned(row: list[str], widths: list[int]) -> str:
+    """Words to the left, numbers to the right; headings stand over their numbers' last digit."""
+    out = []
+    for index, (cell, width) in enumerate(zip(row, widths, strict=True)):
+        last_is_run = index == len(row) - 1 and not cell.endswith(("*", " "))
+        out.append(cell.ljust(width) if index < 2 or last_is_run else cell.rjust(width))
+    return "  ".join(out)
+
+
+def _wrapped(note: str) -> list[str]:
+    return textwrap.wrap(note, TERMINAL_WIDTH, subsequent_indent="  ", break_long_words=False)
+
+
+def markdown(table: Table) -> str:
+    """GitHub's pipe tables; best in bold, runs in code spans, notes as a list."""
+    heads = ["", table.first, *table.headings] + ([RUN] if table.with_runs else [])
+    aligns = ["---", "---"] + ["--:"] * len(table.headings) + (["---"] if table.with_runs else [])
+    out = [f"### {table.heading}", "", _pipes(heads), _pipes(aligns)]
+    for group in table.groups:
+        for index, line in enumerate(group.lines):
+            entries = [f"**{e.full}**" if e.best else e.full for e in line.entries]
+            label = f"*{line.name}*" if line.quoted else line.name
+            runs = (
+                [" ".join(f"`{run[:SHORT_ID]}`" for run in line.runs) or "–"]
+                if table.with_runs
+                else []
+            )
+            out.append(_pipes([group.label if index == 0 else "", label, *entries, *runs]))
+    out += ["", *(f"- {note}" for note in table.notes)] if table.notes else []
+    return "\n".join(out).rstrip() + "\n"
+
+
+def _pipes(cells: list[str]) -> str:
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+# Characters that LaTeX reads as commands, and signs that its default fonts do not carry.
+_LATEX = {
+    "\\": r"\textbackslash{}",
+    "&": r"\&",
+    "%": r"\%",
+    "$": r"\$",
+    "#": r"\#",
+    "_": r"\_",
+    "{": r"\{",
+    "}": r"\}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "↑": r"$\uparrow$",
+    "↓": r"$\downarrow$",
+    "±": r"$\pm$",
+    "×": r"$\times$",
+    "−": r"$-$",
+    "≥": r"$\geq$",
+    "–": "--",
+    "—": "---",
+    "·": r"$\cdot$",
+    "†": r"\textsuperscript{\dag}",
+    "\u202f": r"\,",
+    "…": r"\ldots{}",
+    "²": r"\textsuperscript{2}",
+    "σ": r"$\sigma$",
+    "λ": r"$\lambda$",
+}
+
+
+def latex_escape(text: str) -> str:
+    """Escape text for LaTeX; the signs that tables use become commands."""
+    return "".join(_LATEX.get(letter, letter) for letter in text)
+
+
+def latex(table: Table) -> str:
+    """Write a ``table`` environment in booktabs' manner; that package is all it needs."""
+    out = [
+        r"% needs \usepackage{booktabs}",
+        r"\begin{table}[t]",
+        r"\centering\small",
+        rf"\caption{{{latex_escape(table.title)}}}",
+        rf"\label{{tab:{table.slug}}}",
+        rf"\begin{{tabular}}{{ll{'r' * len(table.headings)}}}",
+        r"\toprule",
+        " & ".join(latex_escape(h) for h in ("", table.first, *table.headings)) + r" \\",
+    ]
+    for group in table.groups:
+        out.append(r"\midrule")
+        for index, line in enumerate(group.lines):
+            entries = [latex_escape(e.full) for e in line.entries]
+            pairs = zip(entries, line.entries, strict=True)
+            best = [rf"\textbf{{{text}}}" if entry.best else text for text, entry in pairs]
+            label = latex_escape(line.name)
+            first = latex_escape(group.label) if index == 0 else ""
+            out.append(" & ".join([first, label, *best]) + r" \\")
+            runs = ", ".join(line.runs)
+            out.append(f"% runs: {runs}" if runs else "% no run")
+    out += [r"\bottomrule", r"\end{tabular}"]
+    if table.notes:
+        joined = r" \\ ".join(latex_escape(note) for note in table.notes)
+        out += [rf"\\[2pt]\parbox{{\linewidth}}{{\footnotesize {joined}}}"]
+    return "\n".join([*out, r"\end{table}"]) + "\n"
+
+
+def html(table: Table) -> str:
+    """Write a ``figure`` with the table, its caption and notes; styled by the page."""
+    heads = [table.first, *table.headings] + ([RUN] if table.with_runs else [])
+    head = '<th scope="col"></th>' + "".join(_html_head(h) for h in heads)
+    body = []
+    for group in table.groups:
+        body.append("<tbody>")
+        for index, line in enumerate(group.lines):
+            first = (
+                f'<th scope="rowgroup" rowspan="{len(group.lines)}">{escape(group.label)}</th>'
+                if index == 0
+                else ""
+            )
+            runs = (
+                f'<td class="run">{" ".join(_run(run) for run in line.runs) or "–"}</td>'
+                if table.with_runs
+                else ""
+            )
+            kind = ' class="quoted"' if line.quoted else ""
+            cells = "".join(_html_entry(entry) for entry in line.entries)
+            body.append(
+                f'<tr{kind}>{first}<th scope="row">{escape(line.name)}</th>{cells}{runs}</tr>'
+            )
+        body.append("</tbody>")
+    notes = "".join(f"<li>{escape(note)}</li>" for note in table.notes)
+    return (
+        f'<figure class="table" id="{escape(table.slug)}"><figcaption>{escape(table.heading)}'
+        f'</figcaption><div class="scroll"><table><thead><tr>{head}</tr></thead>{"".join(body)}'
+        f"</table></div>{f'<ul class=notes>{notes}</ul>' if notes else ''}</figure>\n"
+    )
+
+
+def _html_head(text: str) -> str:
+    kind = ' class="run"' if text == RUN else ""
+    return f'<th scope="col"{kind}>{escape(text)}</th>'
+
+
+def _run(run: str) -> str:
+    return f'<code title="{escape(run)}">{escape(run[:SHORT_ID])}</code>'
+
+
+def _html_entry(entry: Entry) -> str:
+    spread = f' <span class="spread">± {escape(entry.spread)}</span>' if entry.spread else ""
+    inner = escape(entry.text) + spread
+    return f"<td><b>{inner}</b></td>" if entry.best else f"<td>{inner}</td>"
+
+
+def csv(table: Table) -> str:
+    """Full precision: per column its mean and, where there are several seeds, its deviation."""
+    out = io.StringIO()
+    writer = csv_module.writer(out, lineterminator="\n")
+    keys = [name for key in table.keys for name in (key, f"{key}_deviation")]
+    writer.writerow(["group", table.first.lower(), *keys, "runs"])
+    for group in table.groups:
+        for line in group.lines:
+            values = [v for e in line.entries for v in (_number(e), _exact(e.deviation))]
+            writer.writerow([group.label, line.label, *values, " ".join(line.runs)])
+    return out.getvalue()
+
+
+def _number(entry: Entry) -> str:
+    return entry.text if entry.value is None else _exact(entry.value)
+
+
+def _exact(value: float | None) -> str:
+    return "" if value is None else repr(value)

@@ -1,0 +1,194 @@
+"""The one self-contained page: everything inlined, nothing fetched.
+
+Pictures travel as JPEG data URIs, splats as base64 of 16 bytes each, scripts and styles inline;
+the page's own content security policy forbids any request.
+"""
+
+import base64
+import io
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import numpy as np
+from PIL import Image
+
+from reports import formats, splat_view
+from reports.figures import Saved
+from reports.formats import Table
+from reports.pictures import Gallery, artifact
+from reports.rows import background_name, capture_name, condition_name
+from reports.verdict import Verdict
+
+TEMPLATES = Path(__file__).with_name("templates")
+PICTURE_QUALITY = 82  # of JPEG; renders are judged by their scores, not by this copy
+FIGURE_QUALITY = 88
+PICTURE_WIDTH = 640  # pixels that a slider's picture has at most
+FIGURE_WIDTH = 1600
+RUNS = "table-runs"  # long, and folded away
+SLIDER_BUDGET = 16  # views per capture in the slider; the first ones by rule of even spacing
+
+
+def render(
+    *,
+    title: str,
+    summary: str,
+    facts: Mapping[str, Any],
+    verdicts: Sequence[Verdict],
+    tables: Sequence[Table],
+    figures: Sequence[Saved],
+    galleries: Sequence[Gallery],
+    root: Path | None,
+    problems: Sequence[str],
+) -> str:
+    """Return the page's HTML."""
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(TEMPLATES),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    captures = [_capture(found, root) for found in galleries]
+    captures = [capture for capture in captures if capture["views"] or capture["models"]]
+    return environment.get_template("report.html.j2").render(
+        title=title,
+        summary=summary,
+        facts=facts,
+        verdicts=verdicts,
+        tables=[formats.html(table) for table in tables if table.slug != RUNS],
+        runs=[formats.html(table) for table in tables if table.slug == RUNS],
+        figures=[_figure(figure) for figure in figures],
+        captures=captures,
+        problems=problems,
+        missing=[text for found in galleries for text in found.missing],
+        data=_script_json({"captures": captures}),
+        style=_text("report.css"),
+        script="\n".join(_text(name) for name in ("slider.js", "splats.js", "report.js")),
+    )
+
+
+def _text(name: str) -> str:
+    return (TEMPLATES / name).read_text(encoding="utf-8")
+
+
+def _script_json(data: Any) -> str:
+    """JSON that may stand inside a script element."""
+    return json.dumps(data, separators=(",", ":"), sort_keys=True).replace("</", "<\\/")
+
+
+def _figure(figure: Saved) -> dict[str, str]:
+    with Image.open(figure.png) as image:
+        picture = image.convert("RGB")
+        if picture.width > FIGURE_WIDTH:
+            height = round(picture.height * FIGURE_WIDTH / picture.width)
+            picture = picture.resize((FIGURE_WIDTH, height), Image.Resampling.LANCZOS)
+        size = {"width": str(picture.width), "height": str(picture.height)}
+        if figure.pictorial:
+            uri = _jpeg(picture, FIGURE_QUALITY)
+        else:
+            buffer = io.BytesIO()
+            picture.quantize(256, dither=Image.Dither.NONE).save(buffer, "PNG", optimize=True)
+            uri = "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
+    return {"slug": figure.slug, "caption": figure.caption, "uri": uri, **size}
+
+
+def _jpeg(picture: Image.Image, quality: int) -> str:
+    buffer = io.BytesIO()
+    picture.save(buffer, "JPEG", quality=quality, optimize=True, subsampling=0)
+    return "data:image/jpeg;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
+
+
+def _capture(found: Gallery, root: Path | None) -> dict[str, Any]:
+    """Collect what the slider and the 3D view of one capture need."""
+    views = _evenly(found.views, SLIDER_BUDGET)
+    lanes: dict[str, str] = {}
+    for condition in found.conditions:
+        background = found.rows[condition]["background"]
+        lanes.setdefault(f"truth-{background}", f"{background_name(background)} · ground truth")
+    for condition in found.conditions:
+        row = found.rows[condition]
+        lanes[condition] = condition_name(row["background"], row["method"])
+    pictures: dict[str, dict[str, str]] = {}
+    size = [4, 3]
+    for view in views:
+        mine: dict[str, str] = {}
+        for condition in found.conditions:
+            truth = f"truth-{found.rows[condition]['background']}"
+            if truth not in mine:
+                mine[truth], size = _slide(found.truths[found.rows[condition]["background"], view])
+            mine[condition], size = _slide(found.renders[condition, view])
+        pictures[view] = mine
+    return {
+        "id": found.capture,
+        "name": capture_name(found.capture),
+        "views": views,
+        "all_views": len(found.views),
+        "lanes": [{"id": key, "name": name} for key, name in lanes.items()],
+        "start": _start(found),
+        "first": next(
+            (view for view in found.chosen() if view in views), views[0] if views else ""
+        ),
+        "pictures": pictures,
+        "scores": _scores(found, views),
+        "size": size,
+        "models": _models(found, root),
+    }
+
+
+def _slide(path: Path) -> tuple[str, list[int]]:
+    with Image.open(path) as image:
+        picture = image.convert("RGB")
+    if picture.width > PICTURE_WIDTH:
+        height = round(picture.height * PICTURE_WIDTH / picture.width)
+        picture = picture.resize((PICTURE_WIDTH, height), Image.Resampling.LANCZOS)
+    return _jpeg(picture, PICTURE_QUALITY), [picture.width, picture.height]
+
+
+def _start(found: Gallery) -> list[str]:
+    """Return what the slider compares first: 3DGS and the last method, without background."""
+    without = [c for c in found.conditions if found.rows[c]["background"] == "nobg"]
+    mine = without or found.conditions
+    return [mine[0], mine[-1]] if mine else []
+
+
+def _scores(found: Gallery, views: Sequence[str]) -> dict[str, dict[str, str]]:
+    """Scores shown beside the slider, by condition and view."""
+    out: dict[str, dict[str, str]] = {}
+    for condition in found.conditions:
+        scored = {v["view"]: v for v in found.rows[condition]["per_view"] if v["split"] == "test"}
+        for view in views:
+            entry = scored.get(view, {})
+            parts = [
+                f"{label} {entry[key]:.2f} dB"
+                for key, label in (("psnr", "PSNR"), ("mask_psnr", "in mask"))
+                if isinstance(entry.get(key), int | float)
+            ]
+            out.setdefault(condition, {})[view] = ", ".join(parts)
+    return out
+
+
+def _models(found: Gallery, root: Path | None) -> list[dict[str, Any]]:
+    models = []
+    for condition, row in found.rows.items():
+        train, scene = artifact(row, "train", root), artifact(row, "scene", root)
+        if train is None or not (train / "splats.ply").is_file():
+            found.missing.append(f"{found.capture}/{condition}: no splats for the 3D view")
+            continue
+        if scene is None or not (scene / "scene.json").is_file():
+            found.missing.append(f"{found.capture}/{condition}: no cameras for the 3D view")
+            continue
+        name = condition_name(row["background"], row["method"])
+        packed = splat_view.pack(train / "splats.ply")
+        models.append({"id": condition, "name": name, **packed, **splat_view.orbit(scene)})
+    return models
+
+
+def _evenly(names: Sequence[str], most: int) -> list[str]:
+    """Keep at most ``most`` of the names, evenly spaced, the first and last among them."""
+    if len(names) <= most:
+        return list(names)
+    places = np.unique(np.linspace(0, len(names) - 1, most).round().astype(int))
+    return [names[place] for place in places]

@@ -1,0 +1,108 @@
+"""Intervals for paired differences and for ratios; plain numbers in, plain numbers out.
+
+Quality is paired: the same view and the same seed under two codes or two methods, so that what a
+view costs everybody cancels. Views and seeds are crossed random factors; the variance of the grand
+mean comes from the two-way mean squares, its degrees of freedom from Satterthwaite (1946).
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import stdtrit
+
+Floats = NDArray[np.float64]
+CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A mean with its confidence interval; infinite where one sample says nothing of spread."""
+
+    mean: float
+    low: float
+    high: float
+    samples: int
+
+    @property
+    def half(self) -> float:
+        """Half the width."""
+        return (self.high - self.low) / 2
+
+    def excludes_zero(self) -> bool:
+        """Whether the sign of the mean is beyond doubt at the interval's confidence."""
+        return self.low > 0 or self.high < 0
+
+
+def paired(
+    candidate: Mapping[tuple[str, int], float],
+    baseline: Mapping[tuple[str, int], float],
+    confidence: float = CONFIDENCE,
+) -> Interval | None:
+    """Interval of ``candidate - baseline`` over keys (view, seed) that both have.
+
+    Views that some seed lacks are left out, so that the table is complete; None when nothing is
+    left.
+    """
+    shared = candidate.keys() & baseline.keys()
+    seeds = sorted({seed for _, seed in shared})
+    views = sorted({view for view, _ in shared})
+    views = [view for view in views if all((view, seed) in shared for seed in seeds)]
+    if not views:
+        return None
+    table = np.array([[candidate[v, s] - baseline[v, s] for s in seeds] for v in views])
+    return crossed(table, confidence)
+
+
+def crossed(table: Floats, confidence: float = CONFIDENCE) -> Interval:
+    """Interval of the grand mean of ``table`` [views, seeds], both taken as random.
+
+    With one seed (or one view) it is Student's interval over the other factor. Samples are the
+    number of entries.
+    """
+    views, seeds = table.shape
+    mean = float(table.mean())
+    if min(views, seeds) == 1:
+        return sample(table.ravel(), confidence)
+    by_view, by_seed = table.mean(axis=1), table.mean(axis=0)
+    square_view = seeds * float(((by_view - mean) ** 2).sum()) / (views - 1)
+    square_seed = views * float(((by_seed - mean) ** 2).sum()) / (seeds - 1)
+    rest = table - by_view[:, None] - by_seed[None, :] + mean
+    free = (views - 1) * (seeds - 1)
+    square_rest = float((rest**2).sum()) / free
+    # never below what the views alone say: the difference of mean squares may come out negative
+    total = max(square_view + square_seed - square_rest, square_view, square_rest)
+    if total == 0:
+        return Interval(mean, mean, mean, table.size)
+    freedom = total**2 / (
+        square_view**2 / (views - 1) + square_seed**2 / (seeds - 1) + square_rest**2 / free
+    )
+    half = quantile(freedom, confidence) * float(np.sqrt(total / table.size))
+    return Interval(mean, mean - half, mean + half, table.size)
+
+
+def sample(values: Sequence[float] | Floats, confidence: float = CONFIDENCE) -> Interval:
+    """Return Student's interval of the mean of independent values; infinite for one value."""
+    array = np.asarray(values, dtype=np.float64)
+    mean = float(array.mean())
+    if array.size < 2:
+        return Interval(mean, -np.inf, np.inf, array.size)
+    error = float(array.std(ddof=1) / np.sqrt(array.size))
+    half = quantile(array.size - 1, confidence) * error
+    return Interval(mean, mean - half, mean + half, array.size)
+
+
+def known_spread(
+    values: Sequence[float] | Floats, deviation: float, confidence: float = CONFIDENCE
+) -> Interval:
+    """Interval of a mean whose values' standard deviation is known from elsewhere."""
+    array = np.asarray(values, dtype=np.float64)
+    mean = float(array.mean())
+    half = quantile(np.inf, confidence) * deviation / float(np.sqrt(array.size))
+    return Interval(mean, mean - half, mean + half, array.size)
+
+
+def quantile(freedom: float, confidence: float) -> float:
+    """Return the two-sided quantile of Student's t; infinite freedom is the normal distribution."""
+    return float(stdtrit(min(freedom, 1e9), 0.5 + confidence / 2))

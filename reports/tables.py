@@ -1,0 +1,243 @@
+"""Rows → tables: I–III as the paper prints them, and what the paper does not print.
+
+Every number is the mean over a cell's finished seeds; the spread is the sample standard deviation
+(n − 1) and appears from two seeds on. The best of a column within a row group is judged on the
+rounded mean, so that what looks equal is equal; a group of one has no best. Cells that failed stay
+in the table as holes with a note.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from statistics import fmean, stdev
+from typing import Any
+
+from reports import columns, formats, paper
+from reports.columns import Column
+from reports.formats import Entry, Group, Line, Table
+from reports.rows import (
+    PROTOCOL,
+    Cell,
+    CellKey,
+    Row,
+    background_name,
+    capture_name,
+    cells,
+    condition_name,
+    held_out_views,
+    method_name,
+    refused,
+)
+
+HOLE = Entry("–")
+MARKS = "abcdefghijklmnopqrstuvwxyz"
+
+
+def terminal(rows: Sequence[Row]) -> str:
+    """Tables I–III (and on) for a terminal: plain text, aligned, 100 columns at most."""
+    return "\n".join(formats.plain(table) for table in capture_tables(refused(rows)))
+
+
+def capture_tables(rows: Sequence[Row], values: paper.PaperValues | None = None) -> list[Table]:
+    """One table per capture and setting: row groups Original and No BG, the seven columns."""
+    values = paper.load() if values is None else values
+    settings: dict[tuple[str, int, int], list[Cell]] = {}
+    for cell in cells(rows):
+        key = cell.key
+        settings.setdefault((key.capture, key.iterations, key.resolution), []).append(cell)
+    out = []
+    for number, ((capture, iterations, resolution), mine) in enumerate(settings.items(), start=1):
+        title = f"{capture_name(capture)}: {iterations:,} iterations, longest side {resolution} px"
+        groups, holes, quoted = _paper_groups(mine, values)
+        notes = [*holes, *_protocol_notes(mine)]
+        if quoted:
+            notes += [f"Lines marked (paper): {text}" for text in values.differences]
+        slug = f"table-{number}-{_slug(capture)}"
+        table = make_table(slug, title, columns.PAPER, groups, notes)
+        out.append(replace(table, number=columns.roman(number)))
+    return out
+
+
+def _paper_groups(
+    mine: Sequence[Cell], values: paper.PaperValues
+) -> tuple[list[Group], list[str], bool]:
+    holes: list[str] = []
+    groups = []
+    quoted = False
+    for background in dict.fromkeys(cell.key.background for cell in mine):
+        members = [cell for cell in mine if cell.key.background == background]
+        ours = lines_of(members, columns.PAPER, holes, lambda cell: method_name(cell.key.method))
+        lines = []
+        for cell, line in zip(members, ours, strict=True):
+            lines.append(line)
+            theirs = values.line(cell.key.capture, background, cell.key.method)
+            if theirs is not None:
+                lines.append(_quoted_line(cell.key, theirs))
+                quoted = True
+        groups.append(Group(background_name(background), tuple(lines)))
+    return groups, holes, quoted
+
+
+def _quoted_line(key: CellKey, theirs: Mapping[str, float]) -> Line:
+    entries = [
+        Entry(columns.text(c.kind, theirs[c.key]), value=theirs[c.key]) if c.key in theirs else HOLE
+        for c in columns.PAPER
+    ]
+    return Line(f"{method_name(key.method)} (paper)", tuple(entries), quoted=True)
+
+
+def mask_table(rows: Sequence[Row]) -> Table | None:
+    """In-mask scores, which compare across backgrounds."""
+    note = (
+        "Scores in mask are means over the object's pixels (SSIM: its map averaged inside the "
+        "eroded mask) and compare across backgrounds as well as methods."
+    )
+    title = "Inside the object's mask, held-out views"
+    return _conditions_table(rows, "table-in-mask", title, columns.IN_MASK, note)
+
+
+def training_table(rows: Sequence[Row]) -> Table | None:
+    """Scores of the views that were trained on: the paper's protocol, and its weighted terms."""
+    note = (
+        "Scores of the views that were trained on, which is the paper's protocol; they say how "
+        "well a scene was memorised. L1 and Loss of eq. 15 weight each pixel by its attention, "
+        "here for every method alike; they are on another scale than the plain ones."
+    )
+    return _conditions_table(rows, "table-training", "Training views", columns.TRAINING, note)
+
+
+def _conditions_table(
+    rows: Sequence[Row], slug: str, title: str, wanted: Sequence[Column], note: str
+) -> Table | None:
+    """One line per condition, grouped by capture; only the columns that some row has."""
+    mine = cells(rows)
+    known = {name for cell in mine for row in cell.finished for name in row["metrics"]}
+    shown = [column for column in wanted if column.key in known]
+    if not shown:
+        return None
+    holes: list[str] = []
+    groups = [
+        Group(label, tuple(lines_of(members, shown, holes, condition_of)))
+        for label, members in by_capture(mine)
+    ]
+    return make_table(slug, title, shown, groups, [*holes, note], "Condition")
+
+
+def finished_of(mine: Sequence[Cell]) -> list[Row]:
+    """List the rows that finished."""
+    return [row for cell in mine for row in cell.finished]
+
+
+def by_capture(mine: Sequence[Cell]) -> list[tuple[str, list[Cell]]]:
+    """Group cells by the printed name of their capture."""
+    grouped: dict[str, list[Cell]] = {}
+    for cell in mine:
+        grouped.setdefault(capture_name(cell.key.capture), []).append(cell)
+    return list(grouped.items())
+
+
+def condition_of(cell: Cell) -> str:
+    """Return a cell's condition as printed."""
+    return condition_name(cell.key.background, cell.key.method)
+
+
+def _metric(row: Row, key: str) -> Any:
+    return row["metrics"].get(key)
+
+
+def lines_of(
+    members: Sequence[Cell],
+    shown: Sequence[Column],
+    holes: list[str],
+    label: Callable[[Cell], str],
+    value_of: Callable[[Row, str], Any] = _metric,
+) -> list[Line]:
+    """Build the lines of one group, mark the best entries, and add to the notes on holes."""
+    raw = [[_entry(cell, column, value_of) for column in shown] for cell in members]
+    best = [_best([entries[i] for entries in raw], column) for i, column in enumerate(shown)]
+    lines = []
+    for place, (cell, entries) in enumerate(zip(members, raw, strict=True)):
+        marked = [
+            Entry(e.text, e.spread, place in best[i], e.value, e.deviation)
+            for i, e in enumerate(entries)
+        ]
+        runs = tuple(str(row["run_id"]) for row in cell.rows if row.get("run_id"))
+        lines.append(Line(label(cell), tuple(marked), runs, _hole_mark(cell, holes)))
+    return lines
+
+
+def _entry(cell: Cell, column: Column, value_of: Callable[[Row, str], Any]) -> Entry:
+    found = [value_of(row, column.key) for row in cell.finished]
+    values = [float(v) for v in found if v is not None and math.isfinite(v)]
+    if not values:
+        return HOLE
+    mean = fmean(values)
+    deviation = stdev(values) if len(values) > 1 else None
+    spread = "" if deviation is None else columns.text(column.kind, deviation)
+    return Entry(columns.text(column.kind, mean), spread, False, mean, deviation)
+
+
+def _best(entries: Sequence[Entry], column: Column) -> set[int]:
+    """Places of the best entries of one column; equal texts share the honour."""
+    scored = [(i, e) for i, e in enumerate(entries) if e.value is not None]
+    if column.direction == 0 or len(scored) < 2:
+        return set()
+    top = max(scored, key=lambda item: column.direction * (item[1].value or 0.0))[1]
+    winners = {i for i, e in scored if e.text == top.text}
+    return winners if len(winners) < len(scored) else set()
+
+
+def _hole_mark(cell: Cell, holes: list[str]) -> str:
+    if not cell.failed:
+        return ""
+    mark = MARKS[len(holes) % len(MARKS)]
+    reasons = "; ".join(dict.fromkeys(str(row.get("reason")) for row in cell.failed))
+    seeds = ", ".join(str(row["seed"]) for row in cell.failed)
+    where = f"{capture_name(cell.key.capture)}, {condition_of(cell)}"
+    rest = f"; the line is the mean of the other {len(cell.finished)}" if cell.finished else ""
+    holes.append(f"({mark}) {where}, seed {seeds} failed: {reasons}{rest}.")
+    return f" ({mark})"
+
+
+def _protocol_notes(mine: Sequence[Cell]) -> list[str]:
+    rows = finished_of(mine)
+    seeds = sorted({int(row["seed"]) for row in rows})
+    counts = sorted({len(held_out_views(row)) for row in rows} - {0})
+    views = " or ".join(str(count) for count in counts) or "the"
+    many = (
+        f"mean ± standard deviation over {len(seeds)} seeds"
+        if len(seeds) > 1
+        else f"one seed ({seeds[0]})"
+        if seeds
+        else "no finished run"
+    )
+    notes = [
+        (
+            f"Full frame, {views} held-out test views, each against its own condition's ground "
+            f"truth; {many}. Protocol {PROTOCOL}."
+        )
+    ]
+    if {cell.key.background for cell in mine} >= {"original", "nobg"}:
+        notes.append(
+            "Scores of No BG do not compare with Original: its white pixels come for free. "
+            "The table of scores inside the mask compares them."
+        )
+    return notes
+
+
+def make_table(
+    slug: str,
+    title: str,
+    shown: Sequence[Column],
+    groups: Sequence[Group],
+    notes: Sequence[str],
+    first: str = "Method",
+) -> Table:
+    """Make a table whose headings and keys are those of its columns."""
+    heads = tuple(column.heading for column in shown)
+    keys = tuple(column.key for column in shown)
+    return Table(slug, title, heads, keys, tuple(groups), tuple(notes), first)
+
+
+def _slug(name: str) -> str:
+    return "".join(c if c.isalnum() or c in "-_." else "-" for c in name.lower())

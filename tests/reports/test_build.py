@@ -1,0 +1,99 @@
+"""The whole report: what it writes, that it says its verdict, and that it repeats to the byte."""
+
+import hashlib
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from reports import verdict
+from reports.build import build
+
+Row = dict[str, Any]
+Pictured = tuple[list[Row], Path]
+
+
+def digests(folder: Path) -> dict[str, str]:
+    return {
+        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
+
+
+def test_everything_is_written(built: Path) -> None:
+    names = set(digests(built.parent))
+    assert built.name == "report.html"
+    assert {"report.md", "rows.json", "tables/table-1-rover.tex"} <= names
+    for stem in ("sfm", "attention", "comparison-rover", "errors-rover", "trade-off", "curves"):
+        assert {f"figures/figure-{stem}.png", f"figures/figure-{stem}.pdf"} <= names
+
+
+def test_the_same_rows_in_any_order_give_the_same_bytes(
+    built: Path, pictured: Pictured, tmp_path: Path
+) -> None:
+    rows, root = pictured
+    again = build(
+        rows[::-1], tmp_path, title="Toy <benchmark>", artifacts_root=root, summary={"CPU": "one"}
+    )
+    assert digests(again.parent) == digests(built.parent)
+
+
+def test_the_page_needs_nothing_from_outside(built: Path) -> None:
+    text = built.read_text(encoding="utf-8")
+    assert "Toy &lt;benchmark&gt;" in text
+    assert not re.search(r'(?:src|href)="(?!data:|#)', text)
+    assert not re.search(r"url\((?!data:)", text)
+    assert "default-src 'none'" in text
+
+
+def test_the_verdict_comes_first(built: Path) -> None:
+    text = built.read_text(encoding="utf-8")
+    assert text.index("Rover: without its background, Ours gains") < text.index("<table")
+    markdown = (built.parent / "report.md").read_text(encoding="utf-8")
+    assert markdown.index("## Verdict") < markdown.index("## Tables")
+
+
+def test_rows_without_artifacts_still_make_a_report(
+    make_grid: Callable[..., list[Row]], make_failed: Callable[..., Row], tmp_path: Path
+) -> None:
+    rows = [*make_grid(captures=("rover",))[:3], make_failed("rover", "nobg", "ours", "killed")]
+    path = build(rows, tmp_path, title="No pictures", artifacts_root=None)
+    text = path.read_text(encoding="utf-8")
+    assert "no stored renders" in text
+    assert "killed" in text
+    assert json.loads((tmp_path / "rows.json").read_text())[0]["capture"] == "rover"
+
+
+def test_nothing_but_failures_is_still_a_report(
+    make_failed: Callable[..., Row], tmp_path: Path
+) -> None:
+    rows = [make_failed("rover", "nobg", "ours", "no views registered")]
+    text = build(rows, tmp_path, title="Nothing", artifacts_root=None).read_text("utf-8")
+    assert "Rover: no condition finished." in text
+    assert "0 of 1 experiments finished" in text
+
+
+def pair(make_row: Callable[..., Row], shifts: list[float], **metrics: float) -> list[Row]:
+    plain, ours = make_row("rover", "nobg", "3dgs"), make_row("rover", "nobg", "ours")
+    plain["metrics"] |= {"size_mb": 4.0, "time": 100.0}
+    ours["metrics"] |= {"size_mb": 4.0, "time": 100.0} | metrics
+    for view, base, shift in zip(ours["per_view"], plain["per_view"], shifts, strict=True):
+        view["mask_psnr"] = base["mask_psnr"] + shift
+    return [plain, ours]
+
+
+def test_a_gain_is_called_one_only_beyond_doubt(make_row: Callable[..., Row]) -> None:
+    clear = verdict.verdicts(pair(make_row, [0.4, 0.5, 0.6, 0.5, 0.4, 0.6]))[0].headline
+    assert "gains 0.50 dB inside the mask over 3DGS at the same size and time" in clear
+    doubtful = verdict.verdicts(pair(make_row, [1.5, -0.5, 1.6, -0.5, 0.4, 0.6]))[0].headline
+    assert "does not measurably differ inside the mask (+0.52 dB) from 3DGS" in doubtful
+    loss = verdict.verdicts(pair(make_row, [-0.3] * 6, size_mb=3.0, time=110.0))[0].headline
+    assert "loses 0.30 dB" in loss
+    assert "a 25 % smaller file and 10 % more training time" in loss
+
+
+def test_without_3dgs_there_is_nothing_to_compare(make_row: Callable[..., Row]) -> None:
+    (found,) = verdict.verdicts([make_row("rover", "nobg", "ours")])
+    assert found.headline == "Rover: nothing to compare."

@@ -1,0 +1,108 @@
+"""Which pictures a figure shows, and what the 3D view is given."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mattgs_ops.errors import InputError
+from reports import figures, pictures, splat_view
+from reports.rows import cells
+
+Row = dict[str, Any]
+Pictured = tuple[list[Row], Path]
+
+
+def test_a_gallery_holds_what_was_scored(pictured: Pictured) -> None:
+    rows, root = pictured
+    found = pictures.gallery("rover", cells(rows), root)
+    assert found.conditions == ["original-3dgs", "original-ours", "nobg-3dgs", "nobg-ours"]
+    assert found.views == ["0000.jpg", "0004.jpg", "0008.jpg"]
+    assert found.chosen() == ["0000.jpg", "0008.jpg"]
+    assert found.missing == []
+    white = found.truth("nobg-ours", "0000.jpg")[0, 0]
+    assert white.tolist() == [1, 1, 1]
+
+
+def test_missing_pictures_are_listed(pictured: Pictured, tmp_path: Path) -> None:
+    rows, _ = pictured
+    found = pictures.gallery("rover", cells(rows), tmp_path)
+    assert len(found.missing) == 4
+    assert found.views == []
+    assert found.chosen() == []
+
+
+def test_the_zoom_lies_where_methods_differ_most() -> None:
+    one = np.zeros((40, 60, 3), np.float32)
+    other = one.copy()
+    other[22:28, 41:47] = 0.5  # a strong difference here, a weak one elsewhere
+    other[2:8, 2:8] = 0.1
+    window = pictures.widest({"nobg": [one, other]})
+    assert window.side == 10
+    assert window.left <= 41
+    assert window.left + window.side >= 47
+    assert window.top <= 22
+    assert window.top + window.side >= 28
+
+
+def test_methods_keep_their_colours(pictured: Pictured) -> None:
+    rows, _ = pictured
+    more = [*rows, rows[0] | {"method": "another"}]
+    assert figures.colours(rows)["ours"] == figures.colours(more)["ours"]
+    assert len(set(figures.colours(more).values())) == 3
+
+
+def test_an_empty_field_of_a_curve_is_nan(tmp_path: Path) -> None:
+    (tmp_path / "curve.csv").write_text("step,psnr\n0,\n100,21.5\n")
+    curve = figures.read_curve(tmp_path / "curve.csv")
+    assert np.isnan(curve["psnr"][0])
+    assert curve["psnr"][1] == 21.5
+
+
+def test_packed_splats_unpack_to_what_was_written(pictured: Pictured) -> None:
+    import base64
+
+    from mattgs_ops.splat.ply import read_ply
+
+    rows, root = pictured
+    path = root / rows[0]["artifacts"]["train"] / "splats.ply"
+    packed = splat_view.pack(path)
+    raw = base64.b64decode(packed["data"])
+    count = packed["count"]
+    assert len(raw) == 16 * count
+    low, high = (np.array(corner) for corner in packed["box"])
+    levels = np.frombuffer(raw, "<u2", 3 * count).reshape(-1, 3)
+    means = low + (high - low) * levels / 65535
+    assert np.abs(means - read_ply(path).means.numpy()).max() < 1e-4
+
+
+def test_the_splats_that_cover_most_are_kept() -> None:
+    scales = np.log(np.array([[0.1, 0.1, 0.001], [1.0, 1.0, 0.001], [0.5, 0.5, 0.5], [9, 9, 9]]))
+    alpha = np.array([0.9, 0.9, 0.9, 0.001])  # the last one is never drawn
+    assert splat_view.choose(scales, alpha, 2).tolist() == [1, 2]
+    assert splat_view.choose(scales, alpha, 9).tolist() == [0, 1, 2]
+
+
+def test_the_orbit_turns_around_what_the_cameras_look_at(pictured: Pictured) -> None:
+    _, root = pictured
+    found = splat_view.orbit(root / "scene" / "rover")
+    assert found["target"] == pytest.approx([0, 0, 0], abs=1e-5)
+    assert found["up"] == pytest.approx([0, 0, 1], abs=1e-5)
+
+
+def test_parallel_cameras_do_not_break_the_orbit() -> None:
+    centres = np.array([[0.0, 0, 0], [1.0, 0, 0]])
+    axes = np.array([[0.0, 0, 1], [0, 0, 1.0]])
+    assert splat_view.nearest_point(centres, axes).tolist() == [0.5, 0, 1]
+
+
+def test_a_model_without_visible_splats_is_an_error(pictured: Pictured, tmp_path: Path) -> None:
+    rows, root = pictured
+    data = bytearray((root / rows[0]["artifacts"]["train"] / "splats.ply").read_bytes())
+    start = data.index(b"end_header\n") + len(b"end_header\n")
+    table = np.frombuffer(bytes(data[start:]), "<f4").reshape(-1, 62).copy()
+    table[:, 54] = -20  # opacity
+    (tmp_path / "dark.ply").write_bytes(bytes(data[:start]) + table.tobytes())
+    with pytest.raises(InputError, match="visible splat"):
+        splat_view.pack(tmp_path / "dark.ply")

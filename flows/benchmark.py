@@ -1,0 +1,153 @@
+"""The benchmark flow: captures → masks → masked SfM → condition × seed → training → scores → rows.
+
+One chain of tasks per capture, fanned out into one per experiment. Chains do not know of each
+other: when a task fails, what depends on it does not run, its experiments become rows that say why,
+and all others go on. Speed is measured last, when nothing else runs.
+"""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from prefect import flow
+from prefect.artifacts import create_markdown_artifact
+from prefect.futures import PrefectFuture
+
+from flows.grid import cells
+from mattgs_ops.config import BenchmarkConfig, CaptureConfig
+from mattgs_ops.errors import MattgsError
+from reports import formats
+from reports.build import build
+from reports.side_tables import all_tables
+from tasks import prefect_tasks as run
+from tasks.row import Outcome, Row, make_row, settings
+from tasks.stage import Artifact, Cell, Place
+
+Future = PrefectFuture[Artifact]
+
+
+class ExperimentsFailedError(MattgsError):
+    """Some experiments failed; all rows and the report are written."""
+
+    def __init__(self, failed: int, total: int, report: Path) -> None:
+        super().__init__(failed, total, report)
+        self.report = report
+
+    def __str__(self) -> str:
+        failed, total, report = self.args
+        return f"{failed} of {total} experiments failed; report: {report}"
+
+
+@dataclass(frozen=True)
+class Chain:
+    """The tasks that one experiment depends on, first to last; ``broken`` when none could start."""
+
+    cell: Cell
+    prepared: Artifact | None = None
+    futures: tuple[tuple[str, Future], ...] = ()
+    broken: str | None = None
+
+
+@flow(name="benchmark", flow_run_name="{config.name}", persist_result=False)
+def benchmark(config: BenchmarkConfig, out: Path, tracking_uri: str) -> Path:
+    """Run every experiment of the grid; write its rows and its report below ``out``.
+
+    Returns the report's path. Raises :class:`ExperimentsFailedError`, after everything was
+    written, when an experiment has failed.
+    """
+    place = Place(out, config.name, config.run)
+    chains = [chain for capture in config.captures for chain in _submit(place, capture, config)]
+    outcomes = []
+    for chain in chains:
+        outcomes.append(_wait(chain))
+        _record(place, config, tracking_uri, outcomes[-1], {}, final=False)
+    outcomes, speeds = _measure(place, outcomes, config)
+    rows = [_record(place, config, tracking_uri, o, speeds, final=True) for o in outcomes]
+    path = build(
+        rows,
+        out / "benchmarks" / config.name,
+        title=f"Benchmark {config.name}",
+        artifacts_root=place.store,
+    )
+    _show(config.name, rows)
+    failed = [row for row in rows if row["status"] == "failed"]
+    if failed:
+        raise ExperimentsFailedError(len(failed), len(rows), path)
+    return path
+
+
+def _submit(place: Place, capture: CaptureConfig, config: BenchmarkConfig) -> list[Chain]:
+    """Submit all tasks of one capture; preparation runs here, where the photos are."""
+    mine = list(cells(config, capture.name))
+    try:
+        prepared = run.prepare(place, capture, config)
+    except Exception as error:  # whatever it is, it is these experiments' alone
+        return [Chain(cell, broken=str(error)) for cell in mine]
+    masks = run.segment.submit(place, capture.name, prepared, config.segment)
+    scene = run.sfm.submit(place, capture.name, prepared, masks, config.sfm)
+    chains = []
+    for cell in mine:
+        splats = run.train.submit(place, cell, scene, config)
+        scores = run.evaluate.submit(place, cell, scene, splats, config)
+        futures = (("segment", masks), ("sfm", scene), ("train", splats), ("evaluate", scores))
+        chains.append(Chain(cell, prepared, futures))
+    return chains
+
+
+def _wait(chain: Chain) -> Outcome:
+    """Wait for one experiment; the first of its tasks that failed says why."""
+    if chain.prepared is None:
+        return Outcome(chain.cell, reason=chain.broken)
+    outcome = Outcome(chain.cell, {"prepare": chain.prepared})
+    for name, future in chain.futures:
+        try:
+            # raises too when Dask lost the worker, which a plain wait() would pass over in silence
+            outcome.artifacts[name] = future.result()
+        except Exception as error:
+            return replace(outcome, reason=str(error) or type(error).__name__)
+    return outcome
+
+
+def _measure(
+    place: Place, outcomes: list[Outcome], config: BenchmarkConfig
+) -> tuple[list[Outcome], dict[Cell, dict[str, float]]]:
+    """Measure the speed of everything that finished, one capture after another, alone.
+
+    Returns the outcomes, those whose speed could not be measured as failed, and the speeds.
+    """
+    speeds: dict[Cell, dict[str, float]] = {}
+    after = list(outcomes)
+    for capture in config.captures:
+        mine = [
+            i
+            for i, outcome in enumerate(outcomes)
+            if outcome.cell.capture == capture.name and outcome.reason is None
+        ]
+        try:
+            if mine:
+                finished = [outcomes[i] for i in mine]
+                speeds |= run.measure(place, capture.name, finished, config)
+        except Exception as error:  # whatever it is, it is this capture's alone
+            for i in mine:
+                after[i] = replace(outcomes[i], reason=f"speed was not measured: {error}")
+    return after, speeds
+
+
+def _record(
+    place: Place,
+    config: BenchmarkConfig,
+    tracking_uri: str,
+    outcome: Outcome,
+    speeds: dict[Cell, dict[str, float]],
+    *,
+    final: bool,
+) -> Row:
+    row = make_row(place, config, outcome, speeds.get(outcome.cell, {}))
+    known = settings(config, outcome.cell)
+    return run.record(place, tracking_uri, row, known, outcome.artifacts, final=final)
+
+
+def _show(name: str, rows: list[Row]) -> None:
+    """Put the tables where Prefect's interface shows them."""
+    text = "\n\n".join(formats.markdown(table) for table in all_tables(rows))
+    key = "".join(letter if letter.isalnum() else "-" for letter in name.lower()).strip("-")
+    create_markdown_artifact(text, key=f"tables-{key}", description=f"Tables of {name}")

@@ -1,0 +1,112 @@
+"""The command line's options and a TOML file, merged into one :class:`BenchmarkConfig`."""
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from mattgs_ops.config import BUNDLED, BenchmarkConfig, describe, load_toml
+from mattgs_ops.errors import InputError
+
+COMMAND_LINE = "command line"
+
+
+def benchmark_config(file: Path | None, options: Mapping[str, Any]) -> BenchmarkConfig:
+    """Merge a TOML file (or the defaults) with the options that were given.
+
+    ``options`` are those of ``mattgs run``; None means not given. Raises :class:`InputError`
+    naming the field.
+    """
+    base = BenchmarkConfig() if file is None else load_toml(file)
+    given = {key: value for key, value in options.items() if value is not None}
+    data = base.model_dump()
+    captures = _captures(given)
+    if captures is not None:
+        data["captures"] = captures
+    for key in ("iterations", "resolution", "conditions", "seeds"):
+        if key in given:
+            data[key] = given[key]
+    for key in ("workers", "threads", "dask_scheduler"):
+        if key in given:
+            data["run"][key] = given[key]
+    name = _name(given)
+    if name is not None:
+        data["name"] = name
+    try:
+        return BenchmarkConfig.model_validate(data)
+    except ValidationError as error:
+        raise describe(error, COMMAND_LINE) from error
+
+
+def words(text: str | None) -> tuple[str, ...] | None:
+    """Split ``a,b c`` at commas and blanks; None stays None."""
+    return None if text is None else tuple(re.split(r"[,\s]+", text.strip(", ")))
+
+
+def numbers(text: str | None, option: str) -> tuple[int, ...] | None:
+    """Split a list of whole numbers; raises :class:`InputError` naming the option."""
+    try:
+        return None if text is None else tuple(int(word) for word in words(text) or ())
+    except ValueError as error:
+        raise InputError(
+            f"{option}: expected whole numbers such as 0,1,2, found {text!r}"
+        ) from error
+
+
+def size(text: str, option: str) -> tuple[int, int]:
+    """Read ``WIDTHxHEIGHT``; raises :class:`InputError` naming the option."""
+    found = re.fullmatch(r"([1-9]\d*)x([1-9]\d*)", text)
+    if found is None:
+        raise InputError(f"{option}: expected WIDTHxHEIGHT such as 640x480, found {text!r}")
+    return int(found[1]), int(found[2])
+
+
+def slug(text: str) -> str:
+    """Turn any folder's name into one that a capture may have."""
+    return re.sub(r"[^A-Za-z0-9._+-]+", "-", text).strip("-._+")[:64] or "capture"
+
+
+def _captures(given: Mapping[str, Any]) -> list[dict[str, Any]] | None:
+    """Return the captures that the options name; None when they name none."""
+    sources = [key for key in ("photos", "capture", "captures") if key in given]
+    if len(sources) > 1:
+        raise InputError(f"--{sources[0]} and --{sources[1]}: give one of them")
+    masks = given.get("masks")
+    if not sources:
+        if masks is not None:
+            raise InputError("--masks: goes with --photos or --capture")
+        return None
+    if sources == ["captures"]:
+        if masks is not None:
+            raise InputError("--masks: goes with --photos or --capture, not with bundled captures")
+        return [_bundled(name) for name in given["captures"]]
+    path: Path = given[sources[0]]
+    kind = "photos" if sources == ["photos"] else "auto"
+    name = given.get("name") or _name_of(path)
+    resolved = None if masks is None else masks.resolve()
+    return [{"name": name, "path": path.resolve(), "kind": kind, "masks": resolved}]
+
+
+def _bundled(name: str) -> dict[str, Any]:
+    if name not in BUNDLED:
+        raise InputError(
+            f"--captures: no bundled capture is called {name!r}: expected some of "
+            f"{', '.join(BUNDLED)}; for your own photos use --photos DIR"
+        )
+    return {"name": name}
+
+
+def _name(given: Mapping[str, Any]) -> str | None:
+    """Return the benchmark's name: as given, or the name of the user's own capture."""
+    if "name" in given:
+        return str(given["name"])
+    own = given.get("photos") or given.get("capture")
+    return None if own is None else _name_of(own)
+
+
+def _name_of(path: Path) -> str:
+    """Name a capture after its folder, or after the folder around ``images``."""
+    folder = path.resolve()
+    return slug(folder.parent.name if folder.name == "images" else folder.name)

@@ -1,0 +1,88 @@
+"""One benchmark from the command line: captures checked, services up, flow, tables, report."""
+
+import time
+from pathlib import Path
+
+from rich.console import Console
+
+from flows import embedded, terminal
+from flows.embedded import Services
+from flows.grid import count_stages
+from mattgs_ops.config import BenchmarkConfig
+from mattgs_ops.errors import InputError
+from tasks import registry, status
+from tasks.prepare import prepare
+from tasks.stage import Place
+
+
+def run_benchmark(config: BenchmarkConfig, out: Path) -> bool:
+    """Run a benchmark and print its tables; return whether every experiment finished.
+
+    Captures are prepared before anything is started. Raises :class:`InputError` that lists all
+    that is wrong with them.
+    """
+    began = time.monotonic()
+    console = Console(soft_wrap=True)
+    out.mkdir(parents=True, exist_ok=True)
+    embedded.quieten(out)
+    place = Place(out, config.name, config.run)
+    for old in place.status.glob("*.json"):
+        old.unlink()
+    with embedded.Starting(out, config.run) as starting:
+        with terminal.watch(place.status, count_stages(config), console):
+            _prepare_all(place, config)
+            report, complete = _run_flow(config, out, starting.ready())
+        _print_end(place, report, console, time.monotonic() - began)
+    return complete
+
+
+def rebuild_report(benchmark: str, out: Path) -> Path:
+    """Build a report from the registry's rows and the store; return its path."""
+    from reports.build import build
+
+    rows = registry.rows(embedded.tracking_uri(out), benchmark)
+    newest = {registry.experiment_key(row): row for row in reversed(rows)}
+    return build(
+        list(newest.values()),
+        out / "benchmarks" / benchmark,
+        title=f"Benchmark {benchmark}",
+        artifacts_root=Place(out, benchmark).store,
+    )
+
+
+def _prepare_all(place: Place, config: BenchmarkConfig) -> None:
+    """Prepare every capture; raises one :class:`InputError` for all that cannot be used."""
+    problems = []
+    for capture in config.captures:
+        try:
+            prepare(place, capture, config)
+        except InputError as error:
+            problems.append(str(error))
+    if problems:
+        raise InputError("\n".join(problems))
+
+
+def _run_flow(config: BenchmarkConfig, out: Path, services: Services) -> tuple[Path, bool]:
+    """Run the flow; return its report and whether all experiments finished."""
+    from prefect_dask import DaskTaskRunner
+
+    from flows.benchmark import ExperimentsFailedError, benchmark
+
+    runner = DaskTaskRunner(address=services.dask_scheduler)
+    try:
+        report = benchmark.with_options(task_runner=runner)(config, out, services.tracking_uri)
+    except ExperimentsFailedError as failed:
+        return failed.report, False
+    return report, True
+
+
+def _print_end(place: Place, report: Path, console: Console, seconds: float) -> None:
+    from reports.rows import read_rows
+    from reports.tables import terminal as tables
+
+    console.print()
+    console.print(tables(read_rows(report.parent / "rows.json")), markup=False, highlight=False)
+    stages = status.read_all(place.status)
+    console.print(terminal.stage_times(stages, seconds), markup=False, highlight=False)
+    console.print(f"Runs: mattgs ui --out {place.out}", markup=False, highlight=False)
+    console.print(f"Report: {report.resolve()}", markup=False, highlight=False)

@@ -1,0 +1,81 @@
+"""Segmentation: photos per second, and agreement with the bundled captures' true masks.
+
+    python benchmarks/segment.py [--threads 2] [--captures rover,hexapod,lattepanda]
+
+Prints two Markdown tables. The first times U²-NetP at 320 × 320, reading and resizing included,
+writing not; the second scores the bundled model, with and without GrabCut refinement.
+"""
+
+import argparse
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from mattgs_ops.config import BUNDLED, CaptureConfig, SegmentConfig
+from mattgs_ops.segment.export import export
+from mattgs_ops.segment.infer import segment
+from mattgs_ops.segment.network import BUNDLED_MODEL, SaliencyNetwork
+from mattgs_ops.segment.u2net import U2Net
+
+PHOTOS, REPEATS = 8, 3
+
+
+def speed(path: Path, threads: int) -> tuple[int, float]:
+    """Return the network's side and the fastest photos per second over ``REPEATS``."""
+    network = SaliencyNetwork(path, threads=threads)
+    rng = np.random.default_rng(0)
+    photos = [rng.integers(0, 256, (480, 640, 3)).astype(np.uint8) for _ in range(PHOTOS)]
+    names = [str(i) for i in range(PHOTOS)]
+    seconds = []
+    for _ in range(REPEATS):
+        start = time.perf_counter()
+        network.soft_maps(photos, names)
+        seconds.append(time.perf_counter() - start)
+    return network.width, PHOTOS / min(seconds)
+
+
+def main() -> None:
+    """Print both tables."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--captures", default=",".join(BUNDLED))
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        torch.manual_seed(0)
+        at_320 = Path(folder) / "u2netp-320.onnx"
+        export(U2Net("u2netp").eval(), at_320, size=320)
+        print("| model | side | threads | photos/s |\n|---|---|---|---|")
+        for name, path in (("U²-NetP", at_320), ("bundled", BUNDLED_MODEL)):
+            for threads in dict.fromkeys((1, options.threads)):
+                side, rate = speed(path, threads)
+                print(f"| {name} | {side} | {threads} | {rate:.1f} |")
+        print("\n| capture | refine | IoU | worst | F | MAE | boundary F | flagged |")
+        print("|---|---|---|---|---|---|---|---|")
+        for capture in filter(None, options.captures.split(",")):
+            quality_rows(capture, Path(folder), options.threads)
+
+
+def quality_rows(name: str, folder: Path, threads: int) -> None:
+    """Print a capture's rows."""
+    from mattgs_ops import captures
+
+    prepared = captures.prepare(CaptureConfig(name=name), folder / name, test_every=8)
+    settings = {
+        "none": SegmentConfig(source="u2net", refine="none"),
+        "grabcut": SegmentConfig(source="u2net", refine="grabcut"),
+        "GrabCut alone": SegmentConfig(source="grabcut"),
+    }
+    for label, config in settings.items():
+        report = segment(prepared, config, folder / f"{name}-{label}", threads=threads)
+        m = report.means()
+        print(
+            f"| {name} | {label} | {m['iou']:.3f} | {m['worst_iou']:.3f} | {m['f_measure']:.3f} "
+            f"| {m['mae']:.4f} | {m['boundary_f']:.3f} | {len(report.flagged)} |"
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -23,7 +23,7 @@ ROUNDS = 200  # of ``count`` candidates each; enough for a hull of half a percen
 
 
 def fill(views: Sequence[View], count: int, seed: int) -> SparsePoints:
-    """Return ``count`` points uniform in the visual hull, coloured as the photos see them.
+    """Return ``count`` points uniform in the visual hull, coloured as the training photos see them.
 
     Raises :class:`StageError` when masks and cameras agree on no volume.
     """
@@ -44,7 +44,7 @@ def fill(views: Sequence[View], count: int, seed: int) -> SparsePoints:
             "random points: masks and camera poses have no common volume; expected poses under "
             "which all masks show one object"
         )
-    rgb, seen = _colours(xyz, posed, cameras, masks)
+    rgb, seen = _colours(xyz, posed)
     return SparsePoints(xyz, rgb, np.ones(len(xyz), dtype=np.float32), seen)
 
 
@@ -89,22 +89,22 @@ def _agreed(
     return (framed >= len(cameras) / 2) & (votes >= AGREEMENT * framed)
 
 
-def _colours(
-    xyz: Array,
-    views: Sequence[View],
-    cameras: Sequence[Camera],
-    masks: Sequence[NDArray[np.uint8]],
-) -> tuple[NDArray[np.uint8], NDArray[np.int32]]:
-    """Average the photos' colours over the views whose mask holds the point."""
-    total, seen = np.zeros((len(xyz), 3)), np.zeros(len(xyz), dtype=np.int32)
-    for view, camera, mask in zip(views, cameras, masks, strict=True):
-        pixels, depths = camera.project(xyz)
-        hit = inside(mask, pixels, depths)
+def _colours(xyz: Array, views: Sequence[View]) -> tuple[NDArray[np.uint8], NDArray[np.int32]]:
+    """Average the training photos' colours over the views whose mask holds the point.
+
+    Test photos have no say: what a training starts from must not know them.
+    """
+    total, hits = np.zeros((len(xyz), 3)), np.zeros(len(xyz), dtype=np.int32)
+    for view in views:
+        if view.split != "train" or view.camera is None:
+            continue
+        pixels, depths = view.camera.project(xyz)
+        hit = inside(_read(str(view.mask), cv2.IMREAD_GRAYSCALE), pixels, depths)
         cells = np.floor(pixels[hit]).astype(np.int64)
         photo = _read(str(view.photo), cv2.IMREAD_COLOR)[..., ::-1]
         total[hit] += photo[cells[:, 1], cells[:, 0]]
-        seen += hit
-    return np.rint(total / np.maximum(seen, 1)[:, None]).astype(np.uint8), seen
+        hits += hit
+    return np.rint(total / np.maximum(hits, 1)[:, None]).astype(np.uint8), hits
 
 
 def _read(path: str, how: int) -> NDArray[np.uint8]:

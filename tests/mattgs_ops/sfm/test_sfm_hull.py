@@ -1,6 +1,7 @@
 """Specification of random points in the masks' visual hull."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -42,6 +43,19 @@ def test_the_seed_decides(box_capture: PreparedCapture) -> None:
     first, again, other = (hull.fill(box_capture.views, 50, seed) for seed in (1, 1, 2))
     assert np.array_equal(first.xyz, again.xyz)
     assert not np.array_equal(first.xyz, other.xyz)
+
+
+def test_colours_know_nothing_of_test_photos(box_capture: PreparedCapture, tmp_path: Path) -> None:
+    poisoned = []
+    for view in box_capture.views:
+        photo = view.photo
+        if view.split == "test":
+            photo = tmp_path / photo.name
+            cv2.imwrite(str(photo), np.full((view.height, view.width, 3), (0, 0, 255), np.uint8))
+        poisoned.append(replace(view, photo=photo))
+    assert any(view.split == "test" for view in box_capture.views)
+    clean, other = (hull.fill(views, 50, seed=1) for views in (box_capture.views, poisoned))
+    np.testing.assert_array_equal(clean.rgb, other.rgb)
 
 
 def test_masks_without_a_common_volume_are_an_error(box_capture: PreparedCapture) -> None:

@@ -30,7 +30,9 @@ WIDTH, HEIGHT = 224, 168
 SAMPLES = 20  # per pixel; what is left of the noise is smoothed away and drowned by augmentation
 EXPOSURE = 1.15
 LIFT = 0.03  # centimetres that paint on a face floats above it
-CLEAR, REACH = 14.0, 50.0  # centimetres: free radius on the desk, distance of the nearest cameras
+CLEAR, REACH = 15.0, 50.0  # centimetres: free radius on the desk, distance of the nearest cameras
+NEAREST = 22.0  # centimetres from the eye to the middle of the object
+SPAN = (0.45, 0.96)  # share of the frame that a photographer gives the object
 
 
 def render_desks(config: RenderedConfig, out: Path, *, progress: Progress = no_progress) -> None:
@@ -74,14 +76,19 @@ def _desk(config: RenderedConfig, desk: int, out: Path) -> dict[str, Any]:
     cameras: dict[str, Any] = {}
     for k in range(config.objects + 1):
         stage = Stage({key: list(meshes) for key, meshes in bare.pieces.items()})
+        points = None
         if k:
             thing = OBJECTS[(desk * config.objects + k) % len(OBJECTS)](rng, Paint.random(rng))
-            _put(stage, thing, top, float(rng.uniform(10, 14)), bank, rng)
+            scale = float(rng.uniform(10, 14))
+            points = scale * np.concatenate([face.contours[0] for face in thing]) + [0, 0, top]
+            _put(stage, thing, top, scale, bank, rng)
         scene = tracer.Tracer(stage, light)
         count = config.views if k else config.empty
         for view in range(count):
             name = f"{desk:02d}_{k:02d}_{view:02d}.png"
             pose = _orbit(rng, top, view, count)
+            if points is not None:
+                pose = _framed(rng, pose, points)
             image = _traced(scene, pose, int(rng.integers(1 << 30)))
             folder = out / ("images" if k else "empty")
             cv2.imwrite(str(folder / name), image[..., ::-1])
@@ -104,6 +111,25 @@ def _orbit(rng: np.random.Generator, top: float, view: int, count: int) -> NDArr
     target = np.array([*rng.normal(0, 1.2, 2), top + rng.uniform(1, 8)])
     eye = target + distance * np.array([*ray, np.sin(elevation)])
     return cameras.look_at(eye, target, float(rng.normal(0, 3)))
+
+
+def _framed(
+    rng: np.random.Generator, pose: NDArray[np.float64], points: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Aim at the object's middle and step nearer or farther until it fills the wanted share."""
+    from mattgs_ops.synthetic import cameras
+
+    middle = (points.min(0) + points.max(0)) / 2
+    back, roll = pose[:3, 2], float(rng.normal(0, 3))
+    distance, wanted = 50.0, rng.uniform(*SPAN)
+    aim = middle + rng.normal(0, 0.06, 3) * np.ptp(points, axis=0).max()
+    half = np.array([WIDTH, HEIGHT]) / 2
+    for _ in range(6):  # the share is nearly as 1 / distance: this converges fast
+        framed = cameras.look_at(aim + distance * back, aim, roll)
+        pixels, _ = cameras.camera(framed, WIDTH, HEIGHT).project(points)
+        share = float((np.abs(pixels - half) / half).max())
+        distance = max(NEAREST, distance * float(np.clip(share / wanted, 0.5, 2.0)))
+    return framed
 
 
 def _traced(scene: Any, pose: NDArray[np.float64], seed: int) -> NDArray[np.uint8]:

@@ -74,6 +74,7 @@ _RUN = (
     Metric("splats", "Splats", 0, "", 0, "number of Gaussians"),
     Metric("calibration", "Calibration", 0, "s", 4, "seconds of the fixed workload, same process"),
     Metric("fps_calibrated", "FPS calibrated", +1, "", 3, "frames in one calibration workload"),
+    Metric("fps_noise", "FPS noise", 0, "", 4, "relative standard error of the calibrated rate"),
     Metric("test_views", "Test views", 0, "", 0, "held-out views that were scored"),
     Metric("missing_views", "Missing", -1, "", 0, "held-out views without a camera: failures"),
 )

@@ -120,7 +120,9 @@ def _scores(
     metrics = dict(evaluation["metrics"])
     metrics |= {"time": training["wall_seconds"], "cpu_time": training["cpu_seconds"]}
     metrics |= speed
-    return {"metrics": metrics, "per_view": evaluation["per_view"]}
+    found: dict[str, Any] = {"metrics": metrics, "per_view": evaluation["per_view"]}
+    # laps of a training and the fixed workload in turns; a resumed one has none
+    return found | ({"repeats": {"time": training["laps"]}} if training["laps"] else {})
 
 
 def _masks(folder: Path) -> dict[str, Any]:

@@ -59,6 +59,7 @@ class TrainingReport:
     wall_seconds: float
     cpu_seconds: float
     calibration: float  # seconds of mattgs_ops.calibration's workload, just before or after
+    laps: tuple[dict[str, float], ...]  # mattgs_ops.splat.laps; empty for a resumed run
     resumed_from: int
     extent: float
     background: Colour  # behind the splats when they are scored
@@ -80,7 +81,7 @@ class TrainingReport:
     def load(cls, folder: Path) -> "TrainingReport":
         """Read ``folder/training.json``."""
         data: dict[str, Any] = json.loads((folder / FILE).read_text(encoding="utf-8"))
-        data["background"] = tuple(data["background"])
+        data["background"], data["laps"] = tuple(data["background"]), tuple(data["laps"])
         return cls(**data)
 
 

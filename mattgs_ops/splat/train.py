@@ -28,6 +28,7 @@ from mattgs_ops.splat.initialise import (
     scene_extent,
     starting_points,
 )
+from mattgs_ops.splat.laps import Laps
 from mattgs_ops.splat.photos import store_views
 from mattgs_ops.splat.ply import write_ply
 from mattgs_ops.splat.report import (
@@ -85,7 +86,7 @@ def train(
         bound = memory_bound(stored, config.max_splats)
         progress(state.step, iterations, f"needs at most {bound:.0f} MiB beside the libraries")
         workload = calibrate(CALIBRATIONS)
-        _run(trainer, state, out, key, progress)
+        laps = _run(trainer, state, out, key, progress)
         workload = min(workload, calibrate(CALIBRATIONS))
         colour = background_colour(config)
         report = TrainingReport(
@@ -101,6 +102,7 @@ def train(
             wall_seconds=state.wall_seconds,
             cpu_seconds=state.cpu_seconds,
             calibration=workload,
+            laps=tuple(laps.rows) if resumed_from == 0 else (),
             resumed_from=resumed_from,
             extent=extent,
             background=colour,
@@ -131,11 +133,11 @@ def _start(trainer: Trainer, points: StartingPoints, seed: int) -> TrainingState
     return state
 
 
-def _run(trainer: Trainer, state: TrainingState, out: Path, key: str, progress: Progress) -> None:
+def _run(trainer: Trainer, state: TrainingState, out: Path, key: str, progress: Progress) -> Laps:
     """Step until the end, with curve, checkpoints and progress outside the clock."""
     iterations = trainer.schedule.iterations
     every = trainer.config.checkpoint_every
-    curve = Curve(out, state.step)
+    curve, laps = Curve(out, state.step), Laps(iterations)
     reported, reported_at = state.step, state.wall_seconds
     while state.step < iterations:
         began = _clocks()
@@ -143,6 +145,7 @@ def _run(trainer: Trainer, state: TrainingState, out: Path, key: str, progress: 
         wall, cpu = _since(began)
         state.wall_seconds += wall
         state.cpu_seconds += cpu
+        laps.add(state.step, wall)
         if due(state.step, iterations):
             rate = (state.step - reported) / max(state.wall_seconds - reported_at, 1e-9)
             reported, reported_at = state.step, state.wall_seconds
@@ -152,6 +155,7 @@ def _run(trainer: Trainer, state: TrainingState, out: Path, key: str, progress: 
             curve.flush()
             checkpoint.save(state, out, key)
     curve.flush()
+    return laps
 
 
 def _row(state: TrainingState, result: StepResult, rate: float) -> CurveRow:

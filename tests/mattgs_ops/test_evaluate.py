@@ -253,9 +253,11 @@ def test_what_is_missing_or_does_not_fit_is_named(scene: Scene, ply: Path, tmp_p
 
 def test_speed_is_of_the_test_views_beside_the_fixed_workload(scene: Scene, ply: Path) -> None:
     speed = measure_speed(scene, ply, ORIGINAL, WIDTH)
-    assert set(speed) == {"fps", "calibration", "fps_calibrated"}
-    assert speed["fps_calibrated"] == pytest.approx(speed["fps"] * speed["calibration"])
-    assert all(value > 0 for value in speed.values())
+    assert set(speed) == {"fps", "calibration", "fps_calibrated", "fps_noise"}
+    # the median round against the mean rate and the fastest workload: alike, not equal
+    assert 0.2 < speed["fps_calibrated"] / (speed["fps"] * speed["calibration"]) < 5
+    assert speed["fps_noise"] >= 0
+    assert min(speed["fps"], speed["calibration"]) > 0
     none = changed(changed(scene, 0, camera=None), 8, camera=None)
     with pytest.raises(StageError, match="found none"):
         measure_speed(none, ply, ORIGINAL, WIDTH)

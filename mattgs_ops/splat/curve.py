@@ -1,7 +1,8 @@
 """The training curve, ``curve.csv``: a few hundred rows, written in batches.
 
 Columns: ``step``; ``loss`` (what is optimised), ``l1`` (plain), ``ssim`` and ``psnr`` of the step's
-own training view before the step; ``splats``; ``steps_per_second`` since the row before.
+own training view before the step; ``splats``; ``steps_per_second`` since the row before;
+``fixed_psnr`` of one and the same training view after the step, in dB: the smooth one.
 """
 
 import csv
@@ -9,7 +10,7 @@ from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
 FILE = "curve.csv"
-BATCH = 20  # rows
+BATCH = 10  # rows; whoever follows a training sees it this often
 ROWS = 200  # at most about this many per run
 
 
@@ -24,6 +25,7 @@ class CurveRow:
     psnr: float
     splats: int
     steps_per_second: float
+    fixed_psnr: float
 
 
 class Curve:

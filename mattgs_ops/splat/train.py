@@ -149,7 +149,8 @@ def _run(trainer: Trainer, state: TrainingState, out: Path, key: str, progress: 
         if due(state.step, iterations):
             rate = (state.step - reported) / max(state.wall_seconds - reported_at, 1e-9)
             reported, reported_at = state.step, state.wall_seconds
-            curve.add(_row(state, result, rate))
+            fixed = trainer.fixed_psnr(state.splats)
+            curve.add(_row(state, result, rate, fixed))
             progress(state.step, iterations, _note(result, state))
         if every and state.step % every == 0 and state.step < iterations:
             curve.flush()
@@ -158,9 +159,9 @@ def _run(trainer: Trainer, state: TrainingState, out: Path, key: str, progress: 
     return laps
 
 
-def _row(state: TrainingState, result: StepResult, rate: float) -> CurveRow:
-    count = len(state.splats)
-    return CurveRow(state.step, result.loss, result.l1, result.ssim, result.psnr, count, rate)
+def _row(state: TrainingState, result: StepResult, rate: float, fixed: float) -> CurveRow:
+    seen = result.loss, result.l1, result.ssim, result.psnr
+    return CurveRow(state.step, *seen, len(state.splats), rate, fixed)
 
 
 def _note(result: StepResult, state: TrainingState) -> str:

@@ -54,8 +54,7 @@ class StepResult:
     @property
     def psnr(self) -> float:
         """Peak signal-to-noise ratio in dB of the unrounded rendering."""
-        mse = float((self.image - self.target).square().mean())
-        return -10 * math.log10(max(mse, 1e-10))
+        return _psnr(self.image, self.target)
 
 
 class Trainer:
@@ -161,6 +160,12 @@ class Trainer:
             return image
         return torch.from_numpy(recolour(image.numpy(), _unit(view.mask).numpy(), colour))
 
+    def fixed_psnr(self, splats: Splats) -> float:
+        """Return PSNR in dB of the middle view, over the colour that splats are shown on."""
+        view, colour = self.views[len(self.views) // 2], background_colour(self.config)
+        image = render(splats, view.camera, colour, threads=self.threads).image
+        return _psnr(image, self.target(view, colour))
+
     def _next_view(self, state: TrainingState) -> int:
         if not state.order:
             state.order = [int(i) for i in state.streams["order"].permutation(len(self.views))]
@@ -220,6 +225,11 @@ class Trainer:
 def background_colour(config: TrainConfig) -> Colour:
     """Return the colour behind the splats when they are shown; ``random`` is shown on white."""
     return BLACK if config.background == "black" else WHITE
+
+
+def _psnr(image: Tensor, target: Tensor) -> float:
+    mse = float((image - target).square().mean())
+    return -10 * math.log10(max(mse, 1e-10))
 
 
 def _logit_below_one(opacity: float) -> float:

@@ -7,7 +7,7 @@ from mattgs_ops.splat.curve import BATCH, Curve, CurveRow, due
 
 
 def row(step: int) -> CurveRow:
-    return CurveRow(step, 0.5 / step, 0.25, 0.75, 20.0, 100 * step, 123.456789)
+    return CurveRow(step, 0.5 / step, 0.25, 0.75, 20.0, 100 * step, 123.456789, 21.5)
 
 
 def read(folder: Path) -> list[dict[str, str]]:
@@ -31,6 +31,7 @@ def test_rows_are_written_in_batches_and_at_the_end(tmp_path: Path) -> None:
         "psnr": "20",
         "splats": "300",
         "steps_per_second": "123.457",
+        "fixed_psnr": "21.5",
     }
 
 

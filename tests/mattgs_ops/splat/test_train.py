@@ -101,8 +101,12 @@ def test_a_killed_run_resumes_to_the_same_bits(run: Train, tmp_path: Path, condi
     assert whole.counters["added"] > 0, "the run must have densified for this to mean anything"
     assert not (tmp_path / "killed" / "checkpoint.npz").exists()
     with (tmp_path / "killed" / "curve.csv").open() as file:
-        steps = [int(row["step"]) for row in csv.DictReader(file)]
-    assert steps == list(range(1, STEPS + 1))
+        rows = list(csv.DictReader(file))
+    assert [int(row["step"]) for row in rows] == list(range(1, STEPS + 1))
+    with (tmp_path / "whole" / "curve.csv").open() as file:
+        fixed = [row["fixed_psnr"] for row in csv.DictReader(file)]
+    assert [row["fixed_psnr"] for row in rows] == fixed
+    assert max(map(float, fixed)) > float(fixed[0]) + 0.5
 
 
 def test_a_checkpoint_of_another_training_is_left_alone(run: Train, tmp_path: Path) -> None:

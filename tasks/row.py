@@ -96,19 +96,36 @@ def make_row(
 def _provenance(place: Place, config: BenchmarkConfig, outcome: Outcome) -> dict[str, Any]:
     """Say what the row came from: code, configuration, photos, outputs, the training's machine."""
     digests = {name: artifact.digest for name, artifact in outcome.artifacts.items()}
-    trained = outcome.artifacts.get("train")
+    prepared, trained = outcome.artifacts.get("prepare"), outcome.artifacts.get("train")
+    # the capture's own files, not the prepared ones, whose bytes depend on a library's compression
+    files = {} if prepared is None else place.extra(prepared).get("inputs", {})
+    prepared_digest = digests.pop("prepare", None)
     return {
         "code_version": json_digest(code_versions()),
         "config_digest": config_digest(config, outcome.cell),
-        "inputs": {"capture": digests.pop("prepare", None)},
+        "inputs": {"capture": files.get("files", prepared_digest)},
         "outputs": digests,
         **({} if trained is None else place.extra(trained).get("machine", {})),
     }
 
 
 def config_digest(config: BenchmarkConfig, cell: Cell) -> str:
-    """Return SHA-256 of everything configured for an experiment."""
-    return json_digest(settings(config, cell))
+    """Return SHA-256 of what the user asked for: all that differs from the defaults.
+
+    Defaults are code, and ``code_version`` covers them: so a new setting changes no digest, and a
+    wrong default is judged by what it does to the scores instead of being called another
+    configuration.
+    """
+    asked = settings(config, cell)
+    changed = config.model_dump(
+        mode="json", include={"test_every", "segment", "sfm", "train"}, exclude_defaults=True
+    )
+    if "model" in changed.get("segment", {}):
+        changed["segment"]["model"] = asked["segment"]["model"]
+    own = config.methods.get(asked["method"])
+    method = None if own is None else own.model_dump(mode="json", exclude_defaults=True)
+    kept = ("capture", "capture_kind", "background", "method", "seed", "iterations", "resolution")
+    return json_digest({name: asked[name] for name in kept} | changed | {"method_settings": method})
 
 
 def _scores(

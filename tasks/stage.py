@@ -150,7 +150,8 @@ def _make(place: Place, stage: Stage, slot: Slot, status: StatusFile) -> Finishe
         began = time.monotonic()
         stage_process.run(job)
         seconds = round(time.monotonic() - began, 3)
-    return slot.finish({"seconds": seconds, "machine": provenance.describe(place.run.threads)})
+    machine = provenance.describe(place.run.threads)
+    return slot.finish({"seconds": seconds, "machine": machine, "inputs": dict(stage.inputs)})
 
 
 def code_versions() -> dict[str, str]:

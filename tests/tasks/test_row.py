@@ -1,0 +1,58 @@
+"""What identifies an experiment: what was asked for, not what the code happens to default to."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mattgs_ops.config import METHODS, BenchmarkConfig, MethodConfig
+from tasks.row import config_digest, settings
+from tasks.stage import Cell
+
+CELL = Cell("rover", "nobg-ours", 0)
+
+
+def digest(**values: Any) -> str:
+    return config_digest(BenchmarkConfig.model_validate(values), CELL)
+
+
+def test_saying_a_default_changes_nothing() -> None:
+    default = BenchmarkConfig()
+    said = default.model_dump(mode="json")
+    assert digest(**said) == digest()
+    assert digest(run={"workers": 7, "threads": 3}) == digest()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"iterations": 77},
+        {"resolution": 64},
+        {"test_every": 4},
+        {"train": {"lr_opacity": 0.05}},
+        {"sfm": {"max_features": 100}},
+        {"segment": {"source": "given"}},
+        {"methods": {"ours": {"weighting": "residual"}}},
+    ],
+)
+def test_whatever_is_asked_otherwise_changes_it(change: dict[str, Any]) -> None:
+    assert digest(**change) != digest()
+
+
+def test_a_model_counts_by_its_content(tmp_path: Path) -> None:
+    for name, content in (("a.onnx", b"one"), ("b.onnx", b"one"), ("c.onnx", b"two")):
+        (tmp_path / name).write_bytes(content)
+    digests = [digest(segment={"model": str(tmp_path / f"{name}.onnx")}) for name in "abc"]
+    assert digests[0] == digests[1]
+    assert digests[0] != digests[2]
+    assert digest() not in digests
+
+
+def test_another_default_of_a_method_is_code_not_configuration(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    before = digest()
+    monkeypatch.setitem(METHODS, "ours", MethodConfig(weighting="residual"))
+    assert digest() == before
+    recorded = settings(BenchmarkConfig(), CELL)["method_settings"]
+    assert recorded["weighting"] == "residual", "the registry still shows what was done"

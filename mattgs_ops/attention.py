@@ -4,12 +4,13 @@ Eqs. 9–14: grey is the mean of R, G and B; two 3 × 3 Sobel kernels; the magni
 responses; min–max per image to A in [0, 1]. The paper does not say what happens at the border
 (the image is mirrored about its outermost pixels here) nor on a constant image (A is 0 there).
 
-Two maps, named in :class:`~mattgs_ops.config.MethodConfig`:
+Three maps, named in :class:`~mattgs_ops.config.MethodConfig`:
 
 * ``paper``: the above on the training image as it is. On white composites the silhouette of the
   cut-out is then usually the strongest edge.
 * ``interior``: on the photo before compositing, zero on a band along the mask's edge and, where
   the background was removed, zero outside the object; min–max over the pixels that are left.
+* ``object``: ``interior``, zero outside the object whether or not the background was removed.
 
 All maps are float32 [H, W].
 """
@@ -63,25 +64,32 @@ def interior_attention(photo: Floats, mask: Floats, *, removed: bool) -> Floats:
 
 
 def attention_map(
-    image: Floats, photo: Floats, mask: Floats, *, kind: Literal["paper", "interior"], removed: bool
+    image: Floats,
+    photo: Floats,
+    mask: Floats,
+    *,
+    kind: Literal["paper", "interior", "object"],
+    removed: bool,
 ) -> Floats:
     """Return the map that a method asks for; arguments as in the two functions above."""
     if kind == "paper":
         return paper_attention(image)
-    return interior_attention(photo, mask, removed=removed)
+    return interior_attention(photo, mask, removed=removed or kind == "object")
 
 
-def loss_weights(attention: Floats, method: MethodConfig) -> Floats | None:
+def loss_weights(attention: Floats, mask: Floats, method: MethodConfig) -> Floats | None:
     """Return the weight of each pixel's L1 [H, W], or None for plain L1.
 
-    ``paper`` (eq. 15): A itself. ``residual`` (eq. 6): 1 + weight · A, divided by its mean over
-    the image, so that the loss keeps its scale against D-SSIM.
+    ``paper`` (eq. 15): A itself. ``residual`` (eq. 6): 1 + weight · A + mask_weight · M with the
+    mask M [H, W] in [0, 1], divided by its mean over the image, so that the loss keeps its scale
+    against D-SSIM.
     """
     if method.weighting == "none":
         return None
     if method.weighting == "paper":
         return attention
-    raised = 1 + np.float32(method.weight) * attention
+    raised: Floats = 1 + np.float32(method.weight) * attention
+    raised = raised + np.float32(method.mask_weight) * mask
     weights: Floats = raised / np.float32(raised.mean(dtype=np.float64))
     return weights
 

@@ -118,20 +118,40 @@ class MethodConfig(Frozen):
     """What a method changes against plain 3DGS; the defaults change nothing.
 
     ``weighting``: ``paper`` is eq. 15, ``A * |y - y_hat|``; ``residual`` is
-    ``(1 + weight * A) * |y - y_hat|`` normalised to mean weight 1 (eq. 6).
+    ``(1 + weight * A + mask_weight * M) * |y - y_hat|`` normalised to mean weight 1 (eq. 6, with
+    the mask M beside the attention A).
     ``attention``: ``paper`` is eqs. 9–14 on the training image as it is; ``interior`` is computed
-    on the photo before compositing, and suppressed on a band along the mask's edge.
+    on the photo before compositing, and suppressed on a band along the mask's edge; ``object`` is
+    the same with everything outside the mask suppressed too, whatever the background.
+    ``densify``: which screen-space gradient asks for more splats, the ``signed`` sum over pixels
+    (Kerbl et al. 2023) or the ``absolute`` one (AbsGS, Ye et al. 2024).
     ``prune``: how splats are scored for removal, at the projected centre (``pixel``, the paper's)
     or by blending weight times attention (``blend``).
     """
 
-    attention: Literal["paper", "interior"] = "paper"
+    attention: Literal["paper", "interior", "object"] = "paper"
     weighting: Literal["none", "paper", "residual"] = "none"
     weight: float = Field(1.0, ge=0)
+    mask_weight: float = Field(0.0, ge=0, description="of the object's pixels, `residual` only")
+    densify: Literal["signed", "absolute"] = "signed"
+    densify_absolute: float = Field(
+        8e-4, gt=0, description="threshold of the absolute gradient; gsplat's default"
+    )
+    densify_attention: float = Field(
+        0.0, ge=0, description="a splat's gradient counts (1 + this * attention) / mean"
+    )
     prune: Literal["none", "pixel", "blend"] = "none"
     prune_initial: bool = False
     prune_attention: float = Field(0.05, ge=0, le=1, description="low attention is below this")
     prune_opacity: float = Field(0.1, ge=0, le=1, description="low confidence is below this")
+    prune_contribution: float = Field(
+        0.0, ge=0, description="pixels' worth of blending weight in a view that sees the splat"
+    )
+
+    @property
+    def wants_blending(self) -> bool:
+        """Whether the rasteriser must sum blending weights (and attention) per splat."""
+        return self.prune == "blend" or self.densify_attention > 0 or self.prune_contribution > 0
 
 
 METHODS: dict[str, MethodConfig] = {

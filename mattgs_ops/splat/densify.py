@@ -44,7 +44,10 @@ class Record:
         return cls(*(torch.zeros(count) for _ in range(4)))
 
     def observe(self, means2d: Tensor, radii: Tensor, width: int, height: int) -> None:
-        """Add one step: ``means2d`` [N, 2] dL/d pixel, ``radii`` [N] pixels, 0 where unseen."""
+        """Add one step: ``means2d`` [N, 2] dL/d pixel, ``radii`` [N] pixels, 0 where unseen.
+
+        ``means2d`` may be the signed sum over pixels or the sum of absolute values.
+        """
         # a pixel is 2 / width of normalised device coordinates
         norm = torch.hypot(means2d[:, 0] * (0.5 * width), means2d[:, 1] * (0.5 * height))
         self.gradient += norm  # zero where unseen
@@ -53,6 +56,23 @@ class Record:
     def keep(self, index: Tensor) -> "Record":
         """Return the record of the splats of ``index``."""
         return Record(*(getattr(self, f.name)[index] for f in fields(self)))
+
+    def gradients(self, preference: float = 0.0) -> Tensor:
+        """Return the mean gradient [N] over the steps that saw each splat.
+
+        With a ``preference`` p it is multiplied by (1 + p·a) / (1 + p·ā), where a is the splat's
+        attention per blending weight and ā the mean over the splats: as much is densified as
+        without, more of it where attention is high.
+        """
+        mean = self.gradient / self.seen.clamp(min=1)
+        if preference == 0:
+            return mean
+        raised = 1 + preference * self.blend_scores()
+        return mean * (raised / raised.mean())
+
+    def contributions(self) -> Tensor:
+        """Return the blending weight [N], in pixels, per step that saw the splat."""
+        return self.weight / self.seen.clamp(min=1)
 
     def blend_scores(self) -> Tensor:
         """Return attention per blending weight [N] in [0, 1]; 0 where nothing was blended."""
@@ -73,14 +93,17 @@ def reset_opacity(splats: Splats, adam: Adam) -> None:
 def grow(
     splats: Splats,
     adam: Adam,
-    record: Record,
+    gradient: Tensor,
+    threshold: float,
     config: TrainConfig,
     extent: float,
     rng: np.random.Generator,
 ) -> Splats:
-    """Clone and split; returns the new splats, with ``adam`` following. ``record`` is not."""
-    mean = record.gradient / record.seen.clamp(min=1)
-    wanted = _strongest(mean, mean >= config.densify_gradient, config.max_splats - len(mean))
+    """Clone and split where ``gradient`` [N] reaches ``threshold``; ``adam`` follows.
+
+    Returns the new splats: those that stayed whole first, then what was added.
+    """
+    wanted = _strongest(gradient, gradient >= threshold, config.max_splats - len(gradient))
     large = splats.log_scales.amax(dim=1) > math.log(config.densify_scale * extent)
     cloned = torch.nonzero(wanted & ~large)[:, 0]
     divided = torch.nonzero(wanted & large)[:, 0]

@@ -34,7 +34,7 @@ from mattgs_ops.splat.gaussians import Splats
 from mattgs_ops.splat.initialise import StartingPoints
 from mattgs_ops.splat.optimise import FIELDS
 from mattgs_ops.splat.photos import BLACK, WHITE, Bytes, Floats, StoredView, recolour
-from mattgs_ops.splat.rasterize import Gradients, backward, render
+from mattgs_ops.splat.rasterize import Gradients, Rendering, backward, render
 from mattgs_ops.splat.schedule import Schedule
 from mattgs_ops.splat.ssim import photometric_loss
 
@@ -121,22 +121,10 @@ class Trainer:
         )
         if not math.isfinite(loss.loss):
             raise StageError(f"step {step}, view {view.name}: the loss is {loss.loss}")
-        blends = self.method.prune == "blend" and self.schedule.observes(step)
-        gradients = backward(
-            rendering,
-            loss.grad,
-            pixel_map=self.attention(index) if blends else None,
-            statistics=blends,
-        )
+        gradients = self._backward(index, rendering, loss.grad, step)
         _refuse_nan(gradients, step)
         if self.schedule.observes(step):
-            intrinsics = view.camera.intrinsics
-            state.record.observe(
-                gradients.means2d, rendering.radii, intrinsics.width, intrinsics.height
-            )
-        if blends:
-            state.record.weight += gradients.weight
-            state.record.attention += gradients.weighted_map
+            self._observe(state, gradients, rendering)
         rates = self._fixed_rates | {"means": self.schedule.position_rate(step)}
         state.adam.step(state.splats, gradients, rates, self.threads)
         if self.schedule.densifies(step):
@@ -146,11 +134,33 @@ class Trainer:
         state.step = step
         return StepResult(loss.loss, loss.plain_l1, loss.ssim, rendering.image, target)
 
+    def _backward(self, index: int, rendering: Rendering, grad: Tensor, step: int) -> Gradients:
+        """Go back, with the sums per splat that the method needs and no others."""
+        method, observed = self.method, self.schedule.observes(step)
+        blends = method.wants_blending and observed
+        return backward(
+            rendering,
+            grad,
+            pixel_map=self.attention(index) if blends else None,
+            statistics=blends or (observed and method.densify == "absolute"),
+        )
+
+    def _observe(self, state: TrainingState, gradients: Gradients, rendering: Rendering) -> None:
+        """Note what this step saw of each splat, for the next densification."""
+        height, width = rendering.alpha.shape
+        absolute = self.method.densify == "absolute"
+        means2d = gradients.means2d_abs if absolute else gradients.means2d
+        state.record.observe(means2d, rendering.radii, width, height)
+        if self.method.wants_blending:
+            state.record.weight += gradients.weight
+            state.record.attention += gradients.weighted_map
+
     def weights(self, index: int) -> Tensor | None:
         """Return the L1 weights of a view [H, W], or None."""
         if self.method.weighting == "none":
             return None
-        found = loss_weights(self.attention(index).numpy(), self.method)
+        mask = _unit(self.views[index].mask).numpy()
+        found = loss_weights(self.attention(index).numpy(), mask, self.method)
         return None if found is None else torch.from_numpy(found)
 
     def target(self, view: StoredView, colour: Colour) -> Tensor:
@@ -178,12 +188,16 @@ class Trainer:
         return background_colour(self.config)
 
     def _densify(self, state: TrainingState, step: int) -> None:
-        self._prune_unattended(state, step)
+        if self.schedule.settled(step):
+            self._prune_unattended(state)
+            self._prune_idle(state)
         before = len(state.splats)
+        absolute = self.method.densify == "absolute"
         state.splats = grow(
             state.splats,
             state.adam,
-            state.record,
+            state.record.gradients(self.method.densify_attention),
+            self.method.densify_absolute if absolute else self.config.densify_gradient,
             self.config,
             self.extent,
             state.streams["split"],
@@ -199,8 +213,9 @@ class Trainer:
         state.record = Record.empty(len(state.splats))
         count("densifications", 1)
 
-    def _prune_unattended(self, state: TrainingState, step: int) -> None:
-        if self.method.prune == "none" or not self.schedule.settled(step):
+    def _prune_unattended(self, state: TrainingState) -> None:
+        """Remove splats of low opacity and low attention."""
+        if self.method.prune == "none":
             return
         faint = torch.zeros(len(state.splats), dtype=torch.bool)
         if self.method.prune_opacity > 0:
@@ -212,7 +227,16 @@ class Trainer:
             scores = torch.from_numpy(self._pixel_scores(state.splats, index))
         removed = torch.zeros_like(faint)
         removed[index[scores < self.method.prune_attention]] = True
-        _count(state, "removed_unattended", int(removed.sum()))
+        self._remove(state, removed, "removed_unattended")
+
+    def _prune_idle(self, state: TrainingState) -> None:
+        """Remove splats that hardly show in the views that see them."""
+        if self.method.prune_contribution > 0:
+            idle = state.record.contributions() < self.method.prune_contribution
+            self._remove(state, idle & (state.record.seen > 0), "removed_idle")
+
+    def _remove(self, state: TrainingState, removed: Tensor, reason: str) -> None:
+        _count(state, reason, int(removed.sum()))
         state.splats = prune(state.splats, state.adam, removed)
         state.record = state.record.keep(torch.nonzero(~removed)[:, 0])
 

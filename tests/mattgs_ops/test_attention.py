@@ -113,16 +113,31 @@ def test_the_kind_chooses_between_training_image_and_photo() -> None:
     np.testing.assert_array_equal(interior, paper_attention(original))
 
 
+def test_the_object_map_is_the_interior_map_without_the_surroundings() -> None:
+    image, mask = a_disc_in_the_frame()
+    image = np.where(mask[:, :, None] > 0, image, photo(40, 40, seed=4))
+    for removed in (False, True):
+        found = attention_map(image, image, mask, kind="object", removed=removed)
+        np.testing.assert_array_equal(found, interior_attention(image, mask, removed=True))
+        assert not found[mask == 0].any()
+    surroundings = attention_map(image, image, mask, kind="interior", removed=False)[mask == 0]
+    assert surroundings.any()
+
+
 def test_weights_are_none_the_map_itself_or_raised_to_mean_one() -> None:
     attention = paper_attention(photo())
-    assert loss_weights(attention, MethodConfig()) is None
-    paper = loss_weights(attention, MethodConfig(weighting="paper"))
+    mask = np.zeros_like(attention)
+    mask[3:9, 4:11] = 1
+    assert loss_weights(attention, mask, MethodConfig()) is None
+    paper = loss_weights(attention, mask, MethodConfig(weighting="paper"))
     assert paper is attention
-    residual = loss_weights(attention, MethodConfig(weighting="residual", weight=2.5))
-    assert residual is not None
-    expected = 1 + 2.5 * attention.astype(np.float64)
-    np.testing.assert_allclose(residual, expected / expected.mean(), rtol=1e-5)
-    assert residual.mean() == pytest.approx(1, abs=1e-5)
+    for mask_weight in (0.0, 3.0):
+        method = MethodConfig(weighting="residual", weight=2.5, mask_weight=mask_weight)
+        residual = loss_weights(attention, mask, method)
+        assert residual is not None
+        expected = 1 + 2.5 * attention.astype(np.float64) + mask_weight * mask
+        np.testing.assert_allclose(residual, expected / expected.mean(), rtol=1e-5)
+        assert residual.mean() == pytest.approx(1, abs=1e-5)
 
 
 def camera(x: float) -> Camera:

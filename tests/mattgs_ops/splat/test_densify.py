@@ -52,13 +52,24 @@ def record(gradients: list[float]) -> Record:
     return made
 
 
+def grown_by(
+    splats: Splats,
+    adam: Adam,
+    noticed: Record,
+    config: TrainConfig | None = None,
+    extent: float = EXTENT,
+) -> Splats:
+    config = config or TrainConfig()
+    return grow(splats, adam, noticed.gradients(), config.densify_gradient, config, extent, rng())
+
+
 def rng() -> np.random.Generator:
     return np.random.default_rng(0)
 
 
 def test_high_gradients_clone_the_small_and_split_the_large(splats: Splats, adam: Adam) -> None:
     noticed = record([3e-4, 1e-4, 0, 1e-4, 5e-4, 0])
-    grown = grow(splats, adam, noticed, TrainConfig(), EXTENT, rng())
+    grown = grown_by(splats, adam, noticed)
     # 1 cloned, 4 replaced by two: kept 0 1 2 3 5, then the clone of 0, then the halves of 4
     assert len(grown) == 8
     for name in FIELDS:
@@ -76,7 +87,7 @@ def test_adams_moments_stay_with_the_old_and_are_zero_for_the_new(
 ) -> None:
     adam.steps = 17
     noticed = record([3e-4, 0, 0, 0, 5e-4, 0])
-    grown = grow(splats, adam, noticed, TrainConfig(), EXTENT, rng())
+    grown = grown_by(splats, adam, noticed)
     for name in FIELDS:
         tags = adam.first[name].reshape(len(grown), -1)[:, 0].tolist()
         assert tags == [1, 2, 3, 4, 6, 0, 0, 0]
@@ -90,7 +101,24 @@ def test_the_threshold_applies_to_the_mean_over_steps_that_saw_the_splat(
     noticed = Record.empty(6)
     noticed.gradient += torch.tensor([6e-4, 6e-4, 0, 0, 0, 0])
     noticed.seen += torch.tensor([3.0, 4, 0, 0, 0, 0])  # means 2e-4 and 1.5e-4
-    assert len(grow(splats, adam, noticed, TrainConfig(), EXTENT, rng())) == 7
+    assert len(grown_by(splats, adam, noticed)) == 7
+
+
+def test_preference_moves_growth_to_attention_without_adding_to_it() -> None:
+    noticed = record([1.0, 1.0, 4.0])
+    noticed.weight += torch.tensor([2.0, 4.0, 0.0])
+    noticed.attention += torch.tensor([1.0, 0.0, 0.0])  # attention 0.5, 0, and never blended
+    torch.testing.assert_close(noticed.gradients(), torch.tensor([1.0, 1.0, 4.0]))
+    preferred = noticed.gradients(preference=3.0)
+    raised = torch.tensor([2.5, 1.0, 1.0])
+    torch.testing.assert_close(preferred, torch.tensor([1.0, 1.0, 4.0]) * raised / raised.mean())
+
+
+def test_contributions_are_blending_weights_per_step_that_saw_the_splat() -> None:
+    noticed = record([0.0, 0.0, 0.0])
+    noticed.seen[2] = 0
+    noticed.weight += torch.tensor([8.0, 1.0, 0.0])
+    assert noticed.contributions().tolist() == [2.0, 0.25, 0.0]
 
 
 def test_halves_are_drawn_from_the_splats_own_density(make_splats: MakeSplats) -> None:
@@ -99,7 +127,7 @@ def test_halves_are_drawn_from_the_splats_own_density(make_splats: MakeSplats) -
     one.log_scales[0] = torch.log(torch.tensor([1.0, 0.2, 0.5]))
     one.quaternions[0] = torch.tensor([0.3, -0.8, 0.5, 1.2])
     many = Splats(**{n: t.repeat(4000, *[1] * (t.ndim - 1)) for n, t in one.items()})
-    grown = grow(many, Adam(many), record([1.0] * 4000), TrainConfig(), 1.0, rng())
+    grown = grown_by(many, Adam(many), record([1.0] * 4000), extent=1.0)
     assert len(grown) == 8000
     turn = Rotation.from_quat([-0.8, 0.5, 1.2, 0.3]).as_matrix()  # SciPy has w last
     expected = turn @ np.diag([1.0, 0.04, 0.25]) @ turn.T
@@ -110,12 +138,12 @@ def test_halves_are_drawn_from_the_splats_own_density(make_splats: MakeSplats) -
 def test_no_more_splats_than_allowed_and_the_neediest_first(splats: Splats, adam: Adam) -> None:
     noticed = record([3e-4, 9e-4, 4e-4, 5e-4, 8e-4, 0])
     config = TrainConfig().model_copy(update={"max_splats": 8})
-    grown = grow(splats, adam, noticed, config, EXTENT, rng())
+    grown = grown_by(splats, adam, noticed, config)
     assert len(grown) == 8
     assert torch.equal(grown.means[:5], splats.means[[0, 1, 2, 3, 5]]), "4 was split"
     assert torch.equal(grown.means[5], splats.means[1]), "1 was cloned"
     full = TrainConfig().model_copy(update={"max_splats": 5})
-    assert len(grow(splats, Adam(splats), noticed, full, EXTENT, rng())) == 6
+    assert len(grown_by(splats, Adam(splats), noticed, full)) == 6
 
 
 def test_faint_splats_go_and_huge_ones_once_size_counts(splats: Splats) -> None:

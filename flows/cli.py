@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from flows import cli_operate
 from mattgs_ops.errors import InputError, MattgsError
 
 EXIT_FAILED, EXIT_INPUT, EXIT_EXPERIMENTS, EXIT_INTERRUPTED = 1, 2, 3, 130
@@ -157,6 +158,8 @@ def baseline(
 
     typer.echo(f"Baseline: {make_baseline(out.resolve(), benchmark, file).resolve()}")
 
+
+cli_operate.register(app)
 
 captures_app = typer.Typer(help="Captures that come with the project.", no_args_is_help=True)
 app.add_typer(captures_app, name="captures")

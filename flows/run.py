@@ -10,6 +10,8 @@ from flows.embedded import Services
 from flows.grid import count_stages
 from mattgs_ops.config import BenchmarkConfig
 from mattgs_ops.errors import InputError
+from mattgs_ops.store import Store
+from mattgs_ops.store_cleaning import in_use
 from tasks import registry, status
 from tasks.prepare import prepare
 from tasks.stage import Place
@@ -28,7 +30,7 @@ def run_benchmark(config: BenchmarkConfig, out: Path) -> bool:
     place = Place(out, config.name, config.run)
     for old in place.status.glob("*.json"):
         old.unlink()
-    with embedded.Starting(out, config.run) as starting:
+    with in_use(Store(place.store)), embedded.Starting(out, config.run) as starting:
         with terminal.watch(place.status, count_stages(config), console):
             _prepare_all(place, config)
             report, complete = _run_flow(config, out, starting.ready())

@@ -6,7 +6,9 @@ Under the store's root::
     STAGE/DIGEST/files/…         what the stage produced
     STAGE/DIGEST/manifest.json   names, sizes and SHA-256 of the files; what the key was made of
     work/STAGE-DIGEST/           a stage in progress; survives a kill
-    locks/STAGE-DIGEST           empty; the kernel lock on it names the one who works
+    locks/STAGE-DIGEST           the kernel lock on it names the one who works, its date tells when
+                                 the stage was last asked for
+    users/…                      one file per running benchmark, locked by it
 
 An artifact appears whole or not at all: it is moved into place by one rename. Two processes never
 do the same stage at once: the second waits, then finds the result. The lock is the kernel's, so a
@@ -24,7 +26,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from pydantic import BaseModel
 
@@ -162,27 +164,36 @@ class Store:
         A work folder left by a kill or an error is handed on with ``resume`` and emptied without.
         When the block ends without :meth:`Slot.finish`, the work stays and nothing is stored.
         """
-        with self._lock(key):
+        with self.lock(key):
             finished = self.find(key)
             place = self.root / "work" / str(key).replace("/", "-")
             if finished is None:
-                _remove(self.root / str(key))
+                remove(self.root / str(key))
                 if not resume:
-                    _remove(place)
+                    remove(place)
                 (place / FILES).mkdir(parents=True, exist_ok=True)
             yield Slot(self, key, finished, place / FILES)
 
     @contextmanager
-    def _lock(self, key: StageKey) -> Iterator[None]:
+    def lock(self, key: StageKey | str, *, wait: bool = True) -> Iterator[bool]:
+        """Hold a key's lock, waiting for it; the lock's date then says that the key is in use.
+
+        With ``wait`` unset, for those who only tidy up: yields False at once when another has it,
+        and leaves the date alone.
+        """
         path = self.root / "locks" / str(key).replace("/", "-")
         path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("wb") as file:  # never removed: others may already wait on this inode
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                log.info("%s: another process is at it; waiting for its result", key)
-                fcntl.flock(file, fcntl.LOCK_EX)
-            yield
+        while True:
+            with path.open("ab") as file:
+                if not _acquire(file, wait, str(key)):
+                    yield False
+                    return
+                # whoever cleans removes lock files while holding them: take the one now there
+                if is_at(file, path):
+                    if wait:
+                        _date(file)
+                    yield True
+                    return
 
     def _publish(self, key: StageKey, place: Path, extra: dict[str, Any]) -> Finished:
         rows: dict[str, dict[str, Any]] = {
@@ -213,6 +224,33 @@ class Store:
         return Finished(str(key), final / FILES, digest, size, extra)
 
 
+def _acquire(file: IO[bytes], wait: bool, key: str) -> bool:
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        if not wait:
+            return False
+        log.info("%s: another process is at it; waiting for its result", key)
+        fcntl.flock(file, fcntl.LOCK_EX)
+    return True
+
+
+def _date(file: IO[bytes]) -> None:
+    """Say that a lock is in use now; one byte tells it from a lock that was only tidied up."""
+    if os.fstat(file.fileno()).st_size == 0:
+        file.write(b".")
+        file.flush()
+    os.utime(file.fileno())
+
+
+def is_at(file: IO[bytes], path: Path) -> bool:
+    """Whether an open file is the one that lies at ``path`` now."""
+    try:
+        return os.path.samestat(os.fstat(file.fileno()), path.stat())
+    except FileNotFoundError:
+        return False
+
+
 def _damage(folder: Path, rows: Mapping[str, Any], *, contents: bool) -> str | None:
     """Say what differs between files and manifest, or None."""
     try:
@@ -233,7 +271,7 @@ def _damage(folder: Path, rows: Mapping[str, Any], *, contents: bool) -> str | N
     return None
 
 
-def _remove(place: Path) -> None:
+def remove(place: Path) -> None:
     """Remove a folder, its manifest first: half a removal must not look like an artifact."""
     (place / MANIFEST).unlink(missing_ok=True)
     if place.exists():

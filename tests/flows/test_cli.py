@@ -33,7 +33,7 @@ def test_help_names_the_commands_and_imports_nothing_heavy() -> None:
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
     )
-    for command in ("run", "report", "status", "ui", "captures", "segment"):
+    for command in ("run", "report", "status", "ui", "clean", "captures", "segment"):
         assert f" {command} " in done.stdout
     assert done.stdout.strip().endswith("[]")
 

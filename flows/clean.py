@@ -1,0 +1,72 @@
+"""Which artifacts the recorded runs refer to, and the removal of all others."""
+
+import time
+from pathlib import Path
+
+from flows import embedded
+from mattgs_ops.errors import InputError
+from mattgs_ops.store import Store
+from mattgs_ops.store_cleaning import Kind, Removal, clean
+from tasks import registry
+from tasks.stage import Place
+
+UNITS = ("bytes", "kB", "MB", "GB", "TB")
+PLURALS: dict[Kind, str] = {
+    "artifact": "artifacts",
+    "work folder": "work folders",
+    "lock": "locks",
+}
+
+
+def clean_up(out: Path, *, unused_hours: float, dry_run: bool) -> str:
+    """Remove from the store what no run refers to; return what was done, for people.
+
+    Raises :class:`InputError` when the runs cannot be read: then nothing is known to be unused.
+    """
+    store = Store(Place(out, "").store)
+    if not store.root.is_dir():
+        raise InputError(f"{store.root}: expected a store, found none; --out names the folder")
+    embedded.quieten(out)
+    since = time.time() - 3600 * unused_hours
+    return _told(clean(store, referred(out), unused_since=since, dry_run=dry_run), dry_run=dry_run)
+
+
+def referred(out: Path) -> set[str]:
+    """Return the keys of all artifacts that MLflow's runs and the benchmarks' rows refer to."""
+    rows = [row for path in sorted(out.glob("benchmarks/*/rows.json")) for row in _read(path)]
+    tracking = embedded.tracking_uri(out)
+    if not tracking.startswith("sqlite:///") or Path(tracking.removeprefix("sqlite:///")).is_file():
+        for benchmark in registry.benchmarks(tracking):
+            rows += registry.rows(tracking, benchmark)
+    places = [place for row in rows for place in (row.get("artifacts") or {}).values()]
+    return {"/".join(Path(place).parts[:2]) for place in places}
+
+
+def _read(path: Path) -> list[registry.Row]:
+    from reports.rows import read_rows
+
+    return list(read_rows(path))
+
+
+def _told(removed: list[Removal], *, dry_run: bool) -> str:
+    """List what was removed, largest first, and sum it up."""
+    lines = [
+        f"{size(one.size):>10}  {one.name}"
+        for one in sorted(removed, key=lambda one: (-one.size, one.name))
+        if one.kind != "lock"
+    ]
+    counts = {kind: sum(one.kind == kind for one in removed) for kind in PLURALS}
+    parts = [f"{n} {PLURALS[kind] if n != 1 else kind}" for kind, n in counts.items()]
+    total = sum(one.size for one in removed)
+    verb = "Would remove" if dry_run else "Removed"
+    return "\n".join([*lines, f"{verb} {', '.join(parts)}: {size(total)} ({total} bytes)"])
+
+
+def size(count: int) -> str:
+    """Write a number of bytes as people do: ``1.5 MB``."""
+    value = float(count)
+    for unit in UNITS:
+        if value < 1000 or unit == UNITS[-1]:
+            break
+        value /= 1000
+    return f"{value:.0f} {unit}" if unit == UNITS[0] else f"{value:.1f} {unit}"

@@ -1,0 +1,73 @@
+"""``mattgs clean``: runs in MLflow and rows on disk both hold on to their artifacts."""
+
+import json
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from flows.clean import clean_up, size
+from mattgs_ops.errors import InputError
+from mattgs_ops.store import Store, stage_key
+from tasks import registry
+
+
+def put(out: Path, name: str) -> str:
+    """Put an hour-old artifact into the store and return its reference, as rows hold it."""
+    key = stage_key("train", "c0de", {"name": name}, {})
+    with Store(out / "store").stage(key) as slot:
+        (slot.work / "splats.ply").write_bytes(b"0" * 1000)
+        slot.finish()
+    past = time.time() - 3600
+    for path in (out / "store").rglob("*"):
+        os.utime(path, (past, past))
+    return f"{key}/files"
+
+
+def row(seed: int, reference: str) -> dict[str, Any]:
+    cell = {"benchmark": "b", "capture": "rover", "condition": "nobg-3dgs", "seed": seed}
+    grid = {"background": "nobg", "method": "3dgs", "iterations": 1, "resolution": 64}
+    rest = {"schema": 1, "status": "failed", "reason": "x", "artifacts": {"train": reference}}
+    return cell | grid | rest
+
+
+def test_runs_and_rows_hold_on_to_their_artifacts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
+    in_rows, in_mlflow, lost = (put(tmp_path, name) for name in ("rows", "mlflow", "lost"))
+    (tmp_path / "benchmarks" / "b").mkdir(parents=True)
+    text = json.dumps([row(0, in_rows)])
+    (tmp_path / "benchmarks" / "b" / "rows.json").write_text(text)
+    uri = f"sqlite:///{tmp_path / 'mlflow.db'}"
+    registry.initialise(uri)
+    experiment = registry.open_benchmark(uri, "b", tmp_path / "mlflow-artifacts")
+    registry.record(uri, experiment, row(1, in_mlflow), parameters={})
+
+    told = clean_up(tmp_path, unused_hours=0, dry_run=True)
+    assert "Would remove 1 artifact, 0 work folders, 1 lock: 1.4 kB" in told
+    assert lost.removesuffix("/files") in told
+    assert clean_up(tmp_path, unused_hours=2, dry_run=False).startswith("Removed 0 artifacts")
+    assert (tmp_path / "store" / lost).is_dir()
+
+    assert "Removed 1 artifact, 0 work folders, 1 lock" in clean_up(
+        tmp_path, unused_hours=0, dry_run=False
+    )
+    left = {str(p.relative_to(tmp_path / "store")) for p in tmp_path.glob("store/train/*/files")}
+    assert left == {in_rows, in_mlflow}
+
+
+def test_a_folder_without_a_store_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="expected a store"):
+        clean_up(tmp_path, unused_hours=0, dry_run=True)
+
+
+def test_sizes_are_written_for_people() -> None:
+    assert [size(n) for n in (0, 999, 1500, 2 * 10**9)] == [
+        "0 bytes",
+        "999 bytes",
+        "1.5 kB",
+        "2.0 GB",
+    ]

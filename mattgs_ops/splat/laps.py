@@ -5,7 +5,6 @@ changes on the way. Lap k of one training compares with lap k of another, each r
 machine's speed at its own moment; the spread of these ratios says how far to trust them.
 """
 
-from mattgs_ops import stopwatch
 from mattgs_ops.calibration import calibrate
 
 LAPS = 8
@@ -16,15 +15,12 @@ class Laps:
 
     def __init__(self, iterations: int) -> None:
         self._ends = {iterations * (k + 1) // LAPS for k in range(LAPS)} - {0}
-        self._wall, self._queued = 0.0, stopwatch.queued()
+        self._seconds = 0.0
         self.rows: list[dict[str, float]] = []
 
-    def add(self, step: int, wall: float) -> None:
-        """Count ``wall`` seconds for the step that has just ended; at a lap's end, close it."""
-        self._wall += wall
-        if step not in self._ends:
-            return
-        disturbed = stopwatch.queued() - self._queued
-        value = max(self._wall - disturbed, 0.0)
-        self.rows.append({"value": value, "calibration": calibrate(1)})
-        self._wall, self._queued = 0.0, stopwatch.queued()
+    def add(self, step: int, seconds: float) -> None:
+        """Count the undisturbed ``seconds`` of the step that has just ended; close a full lap."""
+        self._seconds += seconds
+        if step in self._ends:
+            self.rows.append({"value": self._seconds, "calibration": calibrate(1)})
+            self._seconds = 0.0

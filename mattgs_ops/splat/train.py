@@ -13,6 +13,7 @@ from pathlib import Path
 
 import torch
 
+from mattgs_ops import stopwatch
 from mattgs_ops.calibration import calibrate
 from mattgs_ops.config import Condition, MethodConfig, TrainConfig
 from mattgs_ops.errors import StageError
@@ -140,12 +141,12 @@ def _run(trainer: Trainer, state: TrainingState, out: Path, key: str, progress: 
     curve, laps = Curve(out, state.step), Laps(iterations)
     reported, reported_at = state.step, state.wall_seconds
     while state.step < iterations:
-        began = _clocks()
+        queued, began = stopwatch.queued(), _clocks()
         result = trainer.step(state)
         wall, cpu = _since(began)
         state.wall_seconds += wall
         state.cpu_seconds += cpu
-        laps.add(state.step, wall)
+        laps.add(state.step, wall - (stopwatch.queued() - queued))
         if due(state.step, iterations):
             rate = (state.step - reported) / max(state.wall_seconds - reported_at, 1e-9)
             reported, reported_at = state.step, state.wall_seconds

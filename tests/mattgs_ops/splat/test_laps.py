@@ -1,8 +1,7 @@
-"""Laps are of equal steps, hold what was measured, and take waiting off."""
+"""Laps are of equal steps and hold what was measured."""
 
 import pytest
 
-from mattgs_ops import stopwatch
 from mattgs_ops.splat import laps
 from mattgs_ops.splat.laps import LAPS, Laps
 
@@ -12,24 +11,13 @@ def _quick_workload(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(laps, "calibrate", lambda repeats: 0.5 * repeats)
 
 
-def test_every_step_counts_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stopwatch, "queued", lambda: 0.0)
+def test_every_step_counts_once() -> None:
     found = Laps(100)
     for step in range(1, 101):
         found.add(step, 0.01 * step)
     assert len(found.rows) == LAPS
     assert sum(row["value"] for row in found.rows) == pytest.approx(0.01 * 5050)
     assert found.rows[0] == {"value": pytest.approx(0.01 * 78), "calibration": 0.5}
-
-
-def test_time_in_the_queue_is_taken_off(monkeypatch: pytest.MonkeyPatch) -> None:
-    now = [0.0]
-    monkeypatch.setattr(stopwatch, "queued", lambda: now[0])
-    found = Laps(LAPS)
-    now[0] = 2.0
-    found.add(1, 5.0)
-    found.add(2, 5.0)
-    assert [row["value"] for row in found.rows] == [3.0, 5.0]
 
 
 @pytest.mark.parametrize("iterations", [1, 3, 7, 9])

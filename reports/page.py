@@ -79,7 +79,7 @@ def _script_json(data: Any) -> str:
     return json.dumps(data, separators=(",", ":"), sort_keys=True).replace("</", "<\\/")
 
 
-def _figure(figure: Saved) -> dict[str, str]:
+def _figure(figure: Saved) -> dict[str, Any]:
     with Image.open(figure.png) as image:
         picture = image.convert("RGB")
         if picture.width > FIGURE_WIDTH:
@@ -92,7 +92,8 @@ def _figure(figure: Saved) -> dict[str, str]:
             buffer = io.BytesIO()
             picture.quantize(256, dither=Image.Dither.NONE).save(buffer, "PNG", optimize=True)
             uri = "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
-    return {"slug": figure.slug, "caption": figure.caption, "uri": uri, **size}
+    named = {"slug": figure.slug, "caption": figure.caption, "pictorial": figure.pictorial}
+    return {**named, "uri": uri, **size}
 
 
 def _jpeg(picture: Image.Image, quality: int) -> str:

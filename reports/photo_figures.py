@@ -50,7 +50,7 @@ def comparison(found: Gallery, folder: Path) -> Saved | None:
     caption = (
         f"{capture_name(found.capture)}: held-out views {' and '.join(views)} (at a quarter and "
         "three quarters of the list sorted by name). The zoom is the window in which the methods "
-        "differ most."
+        "differ most, counted on the object."
     )
     return save(figure, folder, f"figure-comparison-{found.capture}", caption, pictorial=True)
 

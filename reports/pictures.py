@@ -6,7 +6,9 @@ that a report can say so. The choices that a figure makes are rules, stated in i
 * **views**: the held-out views at a quarter and three quarters of the list sorted by name; blind
   to content, so that nobody picks flattering ones;
 * **zoom**: the square window, a quarter of the shorter side, where the renders of different
-  methods differ most from one another (mean absolute difference, summed over backgrounds).
+  methods differ most from one another (mean absolute difference, summed over backgrounds),
+  counted on the object alone where its mask is stored: what differs most over a whole frame is
+  the desk behind it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -46,6 +48,7 @@ class Gallery:
     rows: dict[str, Row] = field(default_factory=dict)  # by condition
     truths: dict[tuple[str, str], Path] = field(default_factory=dict)  # by background, view
     renders: dict[tuple[str, str], Path] = field(default_factory=dict)  # by condition, view
+    masks: dict[str, Path] = field(default_factory=dict)  # by view
     missing: list[str] = field(default_factory=list)
 
     @property
@@ -90,6 +93,7 @@ def gallery(capture: str, mine: Sequence[Cell], root: Path | None) -> Gallery:
         for view in sorted(renders.keys() & truths.keys()):
             out.renders[condition, view] = renders[view]
             out.truths.setdefault((cell.key.background, view), truths[view])
+        out.masks |= _pictures(folder / "masks")
         lacking = sorted(truths.keys() - renders.keys())
         out.missing += [f"{capture}/{condition}: no render of {view}" for view in lacking]
         if not renders:
@@ -122,16 +126,22 @@ def zoom(found: Gallery, view: str) -> Window:
     for condition in found.conditions:
         background = found.rows[condition]["background"]
         pictures.setdefault(background, []).append(found.render(condition, view))
-    return widest(pictures)
+    mask = found.masks.get(view)
+    return widest(pictures, None if mask is None else read(mask)[:, :, 0])
 
 
-def widest(pictures: Mapping[str, Sequence[Floats]]) -> Window:
-    """Find the window of the largest summed range between pictures of the same background."""
+def widest(pictures: Mapping[str, Sequence[Floats]], share: Floats | None = None) -> Window:
+    """Find the window of the largest summed range between pictures of the same background.
+
+    ``share`` [H, W] says how much each pixel counts; None: all alike.
+    """
     shape = next(iter(pictures.values()))[0].shape
     total = np.zeros(shape[:2], dtype=np.float64)
     for group in pictures.values():
         stack = np.stack(group)
         total += (stack.max(axis=0) - stack.min(axis=0)).mean(axis=2)
+    if share is not None and share.any():
+        total *= share
     side = max(8, min(shape[:2]) // ZOOM_SHARE)
     sums = np.pad(total, ((1, 0), (1, 0))).cumsum(axis=0).cumsum(axis=1)
     boxes = sums[side:, side:] - sums[:-side, side:] - sums[side:, :-side] + sums[:-side, :-side]

@@ -103,11 +103,18 @@ def training_table(rows: Sequence[Row]) -> Table | None:
         "well a scene was memorised. L1 and Loss of eq. 15 weight each pixel by its attention, "
         "here for every method alike; they are on another scale than the plain ones."
     )
-    return _conditions_table(rows, "table-training", "Training views", columns.TRAINING, note)
+    return _conditions_table(
+        rows, "table-training", "Training views", columns.TRAINING, note, by_background
+    )
 
 
 def _conditions_table(
-    rows: Sequence[Row], slug: str, title: str, wanted: Sequence[Column], note: str
+    rows: Sequence[Row],
+    slug: str,
+    title: str,
+    wanted: Sequence[Column],
+    note: str,
+    grouped: Callable[[Sequence[Cell]], list[tuple[str, list[Cell]]]] | None = None,
 ) -> Table | None:
     """One line per condition, grouped by capture; only the columns that some row has."""
     mine = cells(rows)
@@ -118,7 +125,7 @@ def _conditions_table(
     holes: list[str] = []
     groups = [
         Group(label, tuple(lines_of(members, shown, holes, condition_of)))
-        for label, members in by_capture(mine)
+        for label, members in (grouped or by_capture)(mine)
     ]
     return make_table(slug, title, shown, groups, [*holes, note], "Condition")
 
@@ -134,6 +141,14 @@ def by_capture(mine: Sequence[Cell]) -> list[tuple[str, list[Cell]]]:
     for cell in mine:
         grouped.setdefault(capture_name(cell.key.capture), []).append(cell)
     return list(grouped.items())
+
+
+def by_background(mine: Sequence[Cell]) -> list[tuple[str, list[Cell]]]:
+    """Group cells whose full frames compare: one capture, one background."""
+    grouped: dict[tuple[str, str], list[Cell]] = {}
+    for cell in mine:
+        grouped.setdefault((cell.key.capture, cell.key.background), []).append(cell)
+    return [(capture_name(capture), members) for (capture, _), members in grouped.items()]
 
 
 def condition_of(cell: Cell) -> str:

@@ -6,4 +6,5 @@ for (const root of document.querySelectorAll("[data-capture]")) {
   if (compare) makeSlider(compare, capture);
   if (orbit) makeOrbit(orbit, capture);
 }
+window.addEventListener("beforeprint", () => document.querySelectorAll("details").forEach((one) => { one.open = true; }));
 document.documentElement.dataset.ready = "true";

@@ -176,7 +176,7 @@ function farToNear(s, camera) {
 }
 
 function makeOrbit(root, capture) {
-  const canvas = root.querySelector("canvas"), models = root.querySelector(".models");
+  const canvas = root.querySelector("canvas"), paper = root.querySelector(".paper"), models = root.querySelector(".models");
   let painter = null;
   try { painter = webglPainter(canvas); } catch (reason) { console.warn(`WebGL 2 refused: ${reason.message}`); }
   painter = painter || canvasPainter(canvas);
@@ -205,10 +205,13 @@ function makeOrbit(root, capture) {
     waiting = false;
     const sharp = Math.min(window.devicePixelRatio || 1, 2);
     const width = Math.max(1, Math.round(canvas.clientWidth * sharp)), height = Math.max(1, Math.round(canvas.clientHeight * sharp));
-    if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
+    if (canvas.clientWidth && (canvas.width !== width || canvas.height !== height)) Object.assign(canvas, { width, height });
     const splats = unpacked.get(model.id), now = camera();
     painter.paint(splats, now, farToNear(splats, now));
     canvas.dataset.frames = String(Number(canvas.dataset.frames || 0) + 1);
+    // printers get WebGL as black: what is printed is this copy, taken while the picture stands
+    Object.assign(paper, { width: canvas.width, height: canvas.height });
+    paper.getContext("2d").drawImage(canvas, 0, 0);
   }
   function soon() {
     if (!waiting && model) { waiting = true; requestAnimationFrame(draw); }
@@ -286,6 +289,6 @@ function makeOrbit(root, capture) {
   new IntersectionObserver((entries, watcher) => {
     if (entries.some((entry) => entry.isIntersecting)) { watcher.disconnect(); start(); }
   }, { rootMargin: "400px" }).observe(canvas);
-  window.addEventListener("beforeprint", () => { start(); draw(); });
+  window.addEventListener("beforeprint", () => { if (!model) { start(); draw(); } });
   window.addEventListener("resize", soon);
 }

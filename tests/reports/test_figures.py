@@ -46,6 +46,19 @@ def test_the_zoom_lies_where_methods_differ_most() -> None:
     assert window.top + window.side >= 28
 
 
+def test_the_zoom_stays_on_the_object() -> None:
+    one, other = (np.zeros((48, 64, 3), np.float32) for _ in range(2))
+    other[:12, :12] = 1  # the desk
+    other[30:36, 40:46] = 0.2
+    share = np.zeros((48, 64), np.float32)
+    share[24:, 32:] = 1
+    window = pictures.widest({"original": [one, other]}, share)
+    assert window.left <= 40
+    assert window.left + window.side >= 46
+    assert window.top <= 30
+    assert window.top + window.side >= 36
+
+
 def test_methods_keep_their_colours(pictured: Pictured) -> None:
     rows, _ = pictured
     more = [*rows, rows[0] | {"method": "another"}]

@@ -180,8 +180,8 @@ def test_the_slider_changes_view_and_method(page: Page) -> None:
     assert len(names) == 6
 
 
-def pixels(page: Page) -> np.ndarray:
-    data = page.value("document.querySelector('.orbit canvas').toDataURL('image/png')")
+def pixels(page: Page, canvas: str = ".view") -> np.ndarray:
+    data = page.value(f"document.querySelector('.orbit {canvas}').toDataURL('image/png')")
     with Image.open(io.BytesIO(base64.b64decode(data.split(",")[1]))) as image:
         return np.asarray(image.convert("RGB"), dtype=np.int16)
 
@@ -214,6 +214,18 @@ def test_the_3d_view_shows_the_object_and_turns_zooms_and_switches(page: Page) -
     page.value("document.querySelectorAll('.models button')[0].click()")
     assert np.abs(after(page, frames) - nearer).max() > 40
     assert page.value("document.querySelector('[aria-checked=true]').dataset.id") == "original-3dgs"
+
+
+def test_what_is_printed_is_what_is_seen(page: Page) -> None:
+    """Printers get a WebGL canvas as black, so a copy is printed."""
+    shown = pixels(page)
+    copy = pixels(page, ".paper")
+    assert np.array_equal(copy, shown)
+    page.send("Emulation.setEmulatedMedia", media="print")
+    for name, display in ((".orbit .view", "none"), (".orbit .paper", "block")):
+        style = f"getComputedStyle(document.querySelector('{name}'))"
+        assert page.value(f"{style}.display") == display
+    page.send("Emulation.setEmulatedMedia", media="")
 
 
 def test_the_plain_canvas_takes_over_where_there_is_no_webgl(

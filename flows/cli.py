@@ -202,16 +202,22 @@ app.add_typer(segment_app, name="segment")
 def train_segmenter(
     folder: Annotated[Path, typer.Argument(help="Folder for weights, curve and ONNX file.")],
     config: Annotated[Path | None, typer.Option(help="Training as a TOML file.")] = None,
+    out: Out = DEFAULT_OUT,
 ) -> None:
-    """Train U²-Net; an interrupted training goes on from its checkpoint."""
+    """Train U²-Net, with its curve in MLflow, and export it to ONNX.
+
+    An interrupted training goes on from its checkpoint. `segment.model` takes the ONNX file.
+    """
+    from flows import embedded
     from flows.terminal import bar
-    from mattgs_ops.segment.train import train
     from mattgs_ops.segment.train_config import SegmentTrainConfig, load_train_config
+    from tasks.train_segmenter import train_segmenter as train
 
     settings = SegmentTrainConfig() if config is None else load_train_config(config)
+    embedded.quieten(out)
     with bar("train U²-Net") as progress:
-        train(settings, folder, progress=progress)
-    typer.echo(f"Segmenter: {folder.resolve()}")
+        onnx = train(settings, folder, embedded.tracking_uri(out), out, progress=progress)
+    typer.echo(f"Segmenter: {onnx.resolve()}")
 
 
 def main() -> None:

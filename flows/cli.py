@@ -58,6 +58,9 @@ def run(
     dask_scheduler: Annotated[
         str | None, typer.Option(help="Use this Dask scheduler, tcp://HOST:PORT.")
     ] = None,
+    store: Annotated[
+        str | None, typer.Option(help="Share finished stages there: s3://BUCKET/FOLDER, file://…")
+    ] = None,
     out: Out = DEFAULT_OUT,
 ) -> None:
     """Run a benchmark: photos in, tables out.
@@ -86,6 +89,7 @@ def run(
             "workers": workers,
             "threads": threads,
             "dask_scheduler": dask_scheduler,
+            "store": store,
         },
     )
     if not run_benchmark(merged, out.resolve()):

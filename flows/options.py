@@ -28,7 +28,7 @@ def benchmark_config(file: Path | None, options: Mapping[str, Any]) -> Benchmark
     for key in ("iterations", "resolution", "conditions", "seeds"):
         if key in given:
             data[key] = given[key]
-    for key in ("workers", "threads", "dask_scheduler"):
+    for key in ("workers", "threads", "dask_scheduler", "store"):
         if key in given:
             data["run"][key] = given[key]
     name = _name(given)

@@ -192,6 +192,7 @@ class RunConfig(Frozen):
     stage_timeout: float = Field(6 * 3600, gt=0, description="seconds one stage may take")
     retries: int = Field(1, ge=0)
     dask_scheduler: str | None = Field(None, description="tcp://… of an existing scheduler")
+    store: str | None = Field(None, description="s3://… or another fsspec URL for finished stages")
 
 
 class BenchmarkConfig(Frozen):

@@ -1,5 +1,7 @@
 """Finished stages, addressed by what went into them, on a local folder.
 
+The folder may be one machine's copy of what many share, see ``mattgs_ops/remote_store.py``.
+
 A **key** is the digest of a stage's name, its code version, its parameters and its inputs' digests.
 Under the store's root::
 
@@ -32,6 +34,7 @@ from pydantic import BaseModel
 
 from mattgs_ops.digests import file_digest, json_digest, list_files, tree_digest
 from mattgs_ops.errors import InputError, StageError
+from mattgs_ops.remote_store import RemoteStore
 
 SCHEMA = 1
 DIGEST_LETTERS = 32  # 128 bits name a folder
@@ -113,14 +116,22 @@ class Slot:
         if self.finished is not None:
             raise StageError(f"{self.key}: already finished; expected no second result")
         self.finished = self._store._publish(self.key, self.work.parent, dict(extra or {}))
+        if not self._store._share(self.key):
+            # another machine was faster: what it found is the one result that everybody uses
+            self.finished = self._store._bring(self.key) or self.finished
         return self.finished
 
 
 class Store:
-    """A store on a local folder, made on first use. Holds no state: instances are cheap."""
+    """A store on a local folder, made on first use. Holds no state: instances are cheap.
 
-    def __init__(self, root: Path):
+    With ``remote``, an fsspec URL, what is not here is looked for there, and what is finished here
+    is put there too.
+    """
+
+    def __init__(self, root: Path, remote: str | None = None):
         self.root = root.resolve()
+        self._remote = None if remote is None else RemoteStore(remote)
 
     def folder(self, key: StageKey | str) -> Path:
         """Return where an artifact's files lie, or would lie."""
@@ -157,6 +168,17 @@ class Store:
             )
         return found
 
+    def fetch(self, key: StageKey | str) -> Finished:
+        """Return the artifact, brought here first when only the remote store has it.
+
+        Raises :class:`StageError` when it is nowhere, or damaged everywhere.
+        """
+        if self._remote is None:
+            return self.require(key)
+        with self.lock(key):
+            found = self.find(key, contents=False) or self._bring(key)
+        return found or self.require(key)
+
     @contextmanager
     def stage(self, key: StageKey, *, resume: bool = False) -> Iterator[Slot]:
         """Hold the key's lock, waiting for it; yields what is there, or a folder to fill.
@@ -166,6 +188,10 @@ class Store:
         """
         with self.lock(key):
             finished = self.find(key)
+            if finished is not None:
+                self._share(key)  # a kill may have come between here and there
+            else:
+                finished = self._bring(key)
             place = self.root / "work" / str(key).replace("/", "-")
             if finished is None:
                 remove(self.root / str(key))
@@ -173,6 +199,28 @@ class Store:
                     remove(place)
                 (place / FILES).mkdir(parents=True, exist_ok=True)
             yield Slot(self, key, finished, place / FILES)
+
+    def _bring(self, key: StageKey | str) -> Finished | None:
+        """Copy an artifact from the remote store; None when it has none intact."""
+        if self._remote is None:
+            return None
+        work = self.root / "work" / str(key).replace("/", "-")
+        place = work / "coming"
+        if not self._remote.fetch(str(key), place, FILES):
+            remove(place)
+            return None
+        final = self.root / str(key)
+        remove(final)
+        final.parent.mkdir(parents=True, exist_ok=True)
+        place.rename(final)
+        remove(work)
+        return self.find(key)
+
+    def _share(self, key: StageKey | str) -> bool:
+        """Have an artifact in the remote store too; False when another one is there already."""
+        if self._remote is None or self._remote.manifest(str(key)) is not None:
+            return self._remote is None
+        return self._remote.publish(str(key), self.root / str(key), FILES)
 
     @contextmanager
     def lock(self, key: StageKey | str, *, wait: bool = True) -> Iterator[bool]:

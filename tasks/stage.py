@@ -5,6 +5,7 @@ do it at once; an interrupted one goes on in its work folder. What passes betwee
 :class:`Artifact`, a reference into the store; folders never travel.
 """
 
+import os
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -21,6 +22,7 @@ from tasks import quiet, stage_process
 from tasks.status import StatusFile, read
 
 KEY_LETTERS = 8  # of a key, in names of log files
+WORK_FOLDER = "MATTGS_WORK"  # environment variable of workers that do not see the output folder
 SOURCE_SUFFIXES = {".py", ".cpp", ".h", ".so"}
 
 
@@ -52,7 +54,11 @@ class Artifact:
 
 @dataclass(frozen=True)
 class Place:
-    """Where a benchmark works. Never part of a key: another place, the same results."""
+    """Where a benchmark works. Never part of a key: another place, the same results.
+
+    ``out`` is the flow's folder. A worker that does not see it names its own in ``MATTGS_WORK`` and
+    gets artifacts through the store of ``run.store``.
+    """
 
     out: Path
     benchmark: str
@@ -61,25 +67,37 @@ class Place:
     @property
     def store(self) -> Path:
         """Folder of the finished stages."""
-        return self.out / "store"
+        return self.here / "store"
+
+    @property
+    def here(self) -> Path:
+        """Folder on this machine for stages, status and logs."""
+        return Path(os.environ.get(WORK_FOLDER) or self.out)
+
+    def open_store(self) -> Store:
+        """Return the store, with the one that machines share where there is one."""
+        return Store(self.store, self.run.store)
 
     @property
     def status(self) -> Path:
         """Folder of the status files."""
-        return self.out / "status" / self.benchmark
+        return self.here / "status" / self.benchmark
 
     @property
     def logs(self) -> Path:
         """Folder of the stages' logs."""
-        return self.out / "logs"
+        return self.here / "logs"
 
     def reference(self, artifact: Artifact) -> str:
         """Return where an artifact's files lie, relative to the store."""
-        return str(self.folder(artifact).relative_to(self.store.resolve()))
+        store = Store(self.store)
+        return str(store.folder(artifact.key).relative_to(store.root))
 
     def folder(self, artifact: Artifact) -> Path:
-        """Return the local folder of an artifact's files."""
-        return Store(self.store).folder(artifact.key)
+        """Return the local folder of an artifact's files, brought here where need be."""
+        if self.run.store is None:
+            return Store(self.store).folder(artifact.key)
+        return self.open_store().fetch(artifact.key).folder
 
     def extra(self, artifact: Artifact) -> Mapping[str, Any]:
         """Return what was noted when the artifact was made: seconds, threads, the machine."""
@@ -119,7 +137,7 @@ def perform(place: Place, stage: Stage) -> Artifact:
     version = _code_version(stage.name, _source_times())
     key = stage_key(stage.name, version, stage.parameters, stage.inputs)
     try:
-        with Store(place.store).stage(key, resume=stage.resumes) as slot:
+        with place.open_store().stage(key, resume=stage.resumes) as slot:
             cached = slot.finished is not None
             finished = slot.finished or _make(place, stage, slot, status)
     except Exception as error:
@@ -145,8 +163,10 @@ def _make(place: Place, stage: Stage, slot: Slot, status: StatusFile) -> Finishe
         threads=place.run.threads,
         timeout=place.run.stage_timeout,
     )
-    status.progress(0, 0, "waiting for a quiet machine" if stage.alone else "")
+    if stage.alone:
+        status.progress(0, 0, "waiting for a quiet machine")
     with quiet.alone() if stage.alone else quiet.busy():
+        status.progress(0, 0, "")
         began = time.monotonic()
         stage_process.run(job)
         seconds = round(time.monotonic() - began, 3)

@@ -1,0 +1,147 @@
+"""Finished stages on an object store, shared by machines that share nothing else.
+
+Any fsspec URL will do (``s3://bucket/folder``, ``gs://…``, ``file:///…``). Below it::
+
+    objects/SHA256               contents of files, named by their digest
+    STAGE/DIGEST/manifest.json   which files an artifact consists of; written last
+
+An artifact is there when its manifest is. Objects never change, so two machines that finish the
+same stage at once cannot mix their files: the first manifest stays. Everything is verified on the
+way down; an object that is not what its name says is removed, and the stage is made again.
+
+Of the store is asked that a write is seen by whoever reads afterwards, and that single objects
+appear whole, as S3 and its relatives promise. Endpoint and credentials come from the environment
+(``AWS_ENDPOINT_URL``, ``AWS_ACCESS_KEY_ID`` …), as each protocol has it.
+"""
+
+import json
+import logging
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from mattgs_ops.digests import file_digest
+from mattgs_ops.errors import InputError, StageError
+
+MARK = "mattgs-store.json"
+SCHEMA = 1
+MANIFEST = "manifest.json"
+
+log = logging.getLogger(__name__)
+
+
+class RemoteStore:
+    """An object store at a URL; raises :class:`InputError` when fsspec does not know its kind."""
+
+    def __init__(self, url: str) -> None:
+        import fsspec
+
+        self.url = url.rstrip("/")
+        try:
+            # listings are not kept: other machines write here too
+            self._files, root = fsspec.url_to_fs(self.url, use_listings_cache=False)
+        except (ImportError, ValueError) as error:
+            raise InputError(f"--store {url}: {error}") from error
+        self._root = root.rstrip("/")
+
+    def check(self) -> None:
+        """Write and read a mark; raises :class:`InputError` when that is not possible."""
+        mark = f"{self._root}/{MARK}"
+        text = json.dumps({"schema": SCHEMA}).encode()
+        try:
+            self._files.makedirs(self._root, exist_ok=True)
+            self._files.pipe_file(mark, text)
+            found = self._files.cat_file(mark)
+        except Exception as error:  # each protocol has its own
+            raise InputError(f"--store {self.url}: cannot be written: {error}") from error
+        if found != text:
+            raise InputError(f"--store {self.url}: expected back what was written, found {found!r}")
+
+    def manifest(self, key: str) -> dict[str, Any] | None:
+        """Return an artifact's manifest; None when there is none, or half of one."""
+        with self._errors():
+            try:
+                found = json.loads(self._files.cat_file(self._place(key)))
+            except FileNotFoundError:
+                return None
+            except ValueError:
+                log.warning("%s: %s has an unreadable manifest", self.url, key)
+                return None
+        return found if isinstance(found, dict) and "files" in found else None
+
+    def fetch(self, key: str, place: Path, files: str) -> bool:
+        """Download an artifact into the folder ``place``; return whether it was there, intact.
+
+        Files go to ``place/files``, the manifest comes last.
+        """
+        manifest = self.manifest(key)
+        if manifest is None:
+            return False
+        shutil.rmtree(place, ignore_errors=True)
+        for name, row in manifest["files"].items():
+            target = place / files / name
+            target.parent.mkdir(parents=True, exist_ok=True)
+            if not self._download(row["sha256"], target):
+                log.warning("%s: %s of %s is damaged; it will be made again", self.url, name, key)
+                with self._errors():
+                    self._remove(self._place(key))
+                return False
+        text = json.dumps(manifest, indent=1, sort_keys=True)
+        (place / MANIFEST).write_text(text + "\n", encoding="utf-8")
+        return True
+
+    def publish(self, key: str, place: Path, files: str) -> bool:
+        """Upload an artifact; return False when another machine has published it already."""
+        text = (place / MANIFEST).read_bytes()
+        for name, row in json.loads(text)["files"].items():
+            self._upload(row, place / files / name)
+        if self.manifest(key) is not None:
+            return False
+        with self._errors():
+            self._make_parent(self._place(key))
+            self._files.pipe_file(self._place(key), text)
+        return True
+
+    def _place(self, key: str) -> str:
+        return f"{self._root}/{key}/{MANIFEST}"
+
+    def _object(self, digest: str) -> str:
+        return f"{self._root}/objects/{digest}"
+
+    def _download(self, digest: str, target: Path) -> bool:
+        source = self._object(digest)
+        with self._errors():
+            try:
+                self._files.get_file(source, str(target))
+            except FileNotFoundError:
+                return False
+            if file_digest(target) == digest:
+                return True
+            self._remove(source)
+        return False
+
+    def _upload(self, row: Mapping[str, Any], path: Path) -> None:
+        target = self._object(row["sha256"])
+        with self._errors():
+            try:
+                if self._files.info(target)["size"] == row["bytes"]:
+                    return
+            except FileNotFoundError:
+                self._make_parent(target)
+            self._files.put_file(str(path), target)
+
+    def _make_parent(self, path: str) -> None:
+        self._files.makedirs(path.rpartition("/")[0], exist_ok=True)
+
+    def _remove(self, path: str) -> None:
+        if self._files.exists(path):
+            self._files.rm_file(path)
+
+    @contextmanager
+    def _errors(self) -> Iterator[None]:
+        try:
+            yield
+        except Exception as error:  # each protocol has its own
+            raise StageError(f"{self.url}: the store fails: {error}") from error

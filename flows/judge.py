@@ -1,29 +1,57 @@
 """Compare a recorded benchmark with a baseline, and make baselines of recorded benchmarks."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from mattgs_ops.errors import InputError
-from reports import baseline, gate_output
+from reports import baseline, gate_output, gate_pictures
+from reports.baseline import Baseline
 from reports.gate import compare
 from reports.rows import Row, read_rows
+from reports.tolerances import Doubt
 
 
-def judge(out: Path, benchmark: str, against: str, *, strict: bool = False) -> tuple[str, int]:
-    """Return what to print and what to exit with; writes ``gate.md``, ``.xml`` and ``.json``.
+def judge(
+    out: Path, benchmark: str, against: str, *, doubt: Doubt = Doubt.MARGIN
+) -> tuple[str, int]:
+    """Return what to print and what to exit with.
 
-    ``against`` is a baseline's path or the name of a committed one. Raises :class:`InputError`
-    naming the file that cannot be used.
+    Writes ``gate.md``, ``.xml`` and ``.json``, and pictures of the views that lost most.
+    ``against`` is a baseline's path, the name of a committed one, or an alias in the registry.
+    Raises :class:`InputError` naming the file that cannot be used.
     """
-    known = baseline.load(against)
-    report = compare(recorded(out, benchmark), known.rows, noise=known.noise, strict=strict)
+    known = find_baseline(out, benchmark, against)
+    rows = recorded(out, benchmark)
+    report = compare(rows, known.rows, noise=known.noise, doubt=doubt)
     folder = out / "benchmarks" / benchmark / "gate"
-    gate_output.write(report, folder)
+    for old in folder.glob("gate-*.png"):
+        old.unlink()
+    store = out / "store"
+    shown = gate_pictures.draw(
+        report, rows, store, folder, baseline=known.rows, baseline_root=store
+    )
+    gate_output.write(report, folder, shown)
     return f"{gate_output.terminal(report)}\nGate: {folder}", report.exit_code
 
 
-def make_baseline(out: Path, benchmark: str, file: Path) -> Path:
-    """Write a recorded benchmark's rows as a baseline; returns the file's path."""
-    baseline.make(recorded(out, benchmark), benchmark).save(file)
+def find_baseline(out: Path, benchmark: str, against: str) -> Baseline:
+    """Return the baseline of a file or committed name, else that of an alias in the registry."""
+    del out, benchmark
+    return baseline.load(against)
+
+
+def make_baseline(out: Path, benchmark: str, file: Path, again: Sequence[Path] = ()) -> Path:
+    """Write a recorded benchmark's rows as a baseline; returns the file's path.
+
+    Its noise is measured between these rows and those of ``again``, runs of the same code; without
+    them a baseline of the same benchmark that is replaced hands on its own.
+    """
+    rows = recorded(out, benchmark)
+    if again:
+        noise = baseline.measured_noise([rows, *(read_rows(path) for path in again)])
+    else:
+        noise = baseline.kept_noise(file, benchmark)
+    baseline.make(rows, benchmark, noise).save(file)
     return file
 
 

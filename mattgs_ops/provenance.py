@@ -24,6 +24,7 @@ DISTRIBUTIONS = (
     "dask",
     "mlflow",
 )
+VECTOR_UNITS = ("avx2", "avx512f", "asimd", "sve")
 CPU_FILE = Path("/proc/cpuinfo")
 PACKAGE = Path(__file__).resolve().parent
 GIT_SECONDS = 10.0
@@ -32,14 +33,19 @@ GIT_SECONDS = 10.0
 def describe(threads: int) -> dict[str, Any]:
     """Return what a row's ``provenance`` says of this process: all values are JSON.
 
-    ``threads`` is what the measured work used; ``cores`` what the process may run on.
+    ``threads`` is what the measured work used; ``cores`` what the process may run on; ``workload``
+    the version of the calibration's fixed work.
     """
+    from mattgs_ops.calibration import VERSION
+
     return {
         "versions": versions(),
         "git": git_commit(),
         "cpu": cpu_model(),
+        "cpu_kind": cpu_kind(),
         "cores": len(os.sched_getaffinity(0)),
         "threads": threads,
+        "workload": VERSION,
         "platform": platform.platform(),
     }
 
@@ -66,6 +72,19 @@ def cpu_model(cpu_file: Path = CPU_FILE) -> str:
         if colon and key.strip() == "model name" and value.strip():
             return value.strip()
     return platform.processor() or platform.machine()
+
+
+def cpu_kind(cpu_file: Path = CPU_FILE) -> str:
+    """Return what the name leaves open (hypervisors shorten it): family, model, vector units."""
+    try:
+        lines = cpu_file.read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        lines = []
+    found = {key.strip(): value.strip() for key, _, value in (x.partition(":") for x in lines)}
+    flags = set(found.get("flags", found.get("Features", "")).split())
+    vectors = [name for name in VECTOR_UNITS if name in flags]
+    parts = [f"{name} {found[name]}" for name in ("cpu family", "model") if name in found]
+    return " ".join([platform.machine(), *parts, *vectors])
 
 
 def git_commit(package: Path = PACKAGE) -> str | None:

@@ -13,82 +13,22 @@ less than 1 % of gate runs.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from enum import StrEnum
+from dataclasses import replace
 from statistics import fmean
 
-from reports import comparable, statistics
+from reports import comparable, speed
+from reports.gate_findings import ALL_CELLS, Exit, Finding, GateReport, Verdict
 from reports.gate_numbers import (
     Judged,
-    as_share,
-    changes_of,
     collect,
     interval_of,
+    interval_of_all,
     spread_among,
     worst_view,
 )
 from reports.rows import Cell, CellKey, Row, cells, order, refused
 from reports.statistics import Interval
-from reports.tolerances import POOL_LEAST, TOLERANCES, Tolerance, confidence
-
-ALL_CELLS = "all cells"
-
-
-class Verdict(StrEnum):
-    """What the gate says about one number."""
-
-    BETTER = "better"
-    SAME = "same"
-    WORSE = "worse"
-    NOT_COMPARABLE = "not comparable"
-    NEWLY_FAILING = "newly failing"
-    FIXED = "fixed"
-    INCONCLUSIVE = "inconclusive"
-
-
-class Exit:
-    """Exit codes of ``mattgs gate``."""
-
-    PASS, REGRESSION, CANNOT_JUDGE, FAILED_RUNS = 0, 1, 2, 3
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One verdict.
-
-    ``change`` is signed so that positive is better: a difference in the metric's unit, or for
-    ratios a share (0.1: 10 % better). ``worst_view`` is the view that lost most.
-    """
-
-    cell: str
-    aspect: str
-    metric: str
-    verdict: Verdict
-    reason: str = ""
-    before: float | None = None
-    after: float | None = None
-    change: Interval | None = None
-    margin: float = 0.0
-    worst_view: str | None = None
-
-    @property
-    def severity(self) -> float:
-        """Change in margins, for sorting: the most negative is the worst."""
-        if self.change is None:
-            return 0.0
-        return self.change.mean / self.margin if self.margin else self.change.mean * 1e3
-
-
-@dataclass(frozen=True)
-class GateReport:
-    """All findings, the worst first, and what the process should exit with."""
-
-    findings: tuple[Finding, ...]
-    exit_code: int
-
-    def count(self, verdict: Verdict) -> int:
-        """How many findings have a verdict."""
-        return sum(finding.verdict == verdict for finding in self.findings)
+from reports.tolerances import POOL_LEAST, TOLERANCES, Doubt, Tolerance, confidence
 
 
 def compare(
@@ -96,14 +36,25 @@ def compare(
     baseline: Sequence[Row],
     *,
     noise: Mapping[str, float] | None = None,
-    strict: bool = False,
+    doubt: Doubt = Doubt.MARGIN,
 ) -> GateReport:
     """Judge ``candidate`` against ``baseline``.
 
-    ``noise`` replaces the tolerances' own noise by metric. ``strict`` makes every inconclusive
-    number one that cannot be judged; else only those whose estimate lies beyond its margin.
+    ``noise`` replaces the tolerances' own noise by metric. ``doubt`` says which inconclusive
+    numbers make the whole one that cannot be judged. Speeds that were measured on another machine
+    are not compared, which is told once for each and excused.
     """
     table = [replace(t, noise=(noise or {}).get(t.metric, t.noise)) for t in TOLERANCES]
+    findings, judged = collected(candidate, baseline, table)
+    findings += _judge(judged, table)
+    ranked = tuple(sorted(findings, key=_rank))
+    return GateReport(ranked, exit_code(ranked, doubt))
+
+
+def collected(
+    candidate: Sequence[Row], baseline: Sequence[Row], table: Sequence[Tolerance] = TOLERANCES
+) -> tuple[list[Finding], list[Judged]]:
+    """Return what can be said without statistics, and the numbers that need them."""
     ours = {cell.key: cell for cell in cells(refused(candidate))}
     theirs = {cell.key: cell for cell in cells(refused(baseline))}
     findings: list[Finding] = []
@@ -112,37 +63,59 @@ def compare(
         status = _status(key, ours.get(key), theirs.get(key))
         if status is not None:
             findings.append(status)
-        if key not in ours or key not in theirs:
+        if key in ours and key in theirs:
+            told, numbers = _of_cell(ours[key], theirs[key], table)
+            findings += told
+            judged += numbers
+    return list(dict.fromkeys(findings)), judged
+
+
+def _of_cell(
+    ours: Cell, theirs: Cell, table: Sequence[Tolerance]
+) -> tuple[list[Finding], list[Judged]]:
+    """Collect one cell's numbers; speeds of another machine are told over all cells instead."""
+    findings: list[Finding] = []
+    judged: list[Judged] = []
+    name = str(ours.key)
+    pairs, blocked = _paired_rows(ours, theirs)
+    if blocked:
+        return [Finding(name, "run", "rows", Verdict.NOT_COMPARABLE, "; ".join(blocked))], []
+    for tolerance in table if pairs else ():
+        moved = _moved(tolerance, pairs)
+        if moved:
+            names = (ALL_CELLS, tolerance.aspect, tolerance.metric)
+            findings.append(Finding(*names, Verdict.NOT_COMPARABLE, moved, excused=True))
             continue
-        pairs, blocked = _paired_rows(ours[key], theirs[key])
-        if blocked:
-            findings.append(
-                Finding(str(key), "run", "rows", Verdict.NOT_COMPARABLE, "; ".join(blocked))
-            )
-        elif pairs:
-            for tolerance in table:
-                number, problem = collect(key, tolerance, pairs)
-                if number is not None:
-                    judged.append(number)
-                elif problem:
-                    names = (str(key), tolerance.aspect, tolerance.metric)
-                    findings.append(Finding(*names, Verdict.NOT_COMPARABLE, problem))
-    findings += _judge(judged, table)
-    ranked = tuple(sorted(findings, key=_rank))
-    return GateReport(ranked, exit_code(ranked, strict=strict))
+        number, problem = collect(ours.key, tolerance, pairs)
+        if number is not None:
+            judged.append(number)
+        elif problem:
+            names = (name, tolerance.aspect, tolerance.metric)
+            findings.append(Finding(*names, Verdict.NOT_COMPARABLE, problem))
+    return findings, judged
 
 
-def exit_code(findings: Sequence[Finding], *, strict: bool = False) -> int:
+def _moved(tolerance: Tolerance, pairs: Sequence[tuple[Row, Row]]) -> str:
+    """Say why speeds of these rows do not compare, empty where they do."""
+    if tolerance.kind != "speed":
+        return ""
+    return next(filter(None, (speed.other_machine(*pair) for pair in pairs)), "")
+
+
+def exit_code(findings: Sequence[Finding], doubt: Doubt = Doubt.MARGIN) -> int:
     """1 for a regression, else 3 for failed runs, else 2 for what cannot be judged, else 0."""
     verdicts = {finding.verdict for finding in findings}
     if Verdict.WORSE in verdicts:
         return Exit.REGRESSION
     if Verdict.NEWLY_FAILING in verdicts:
         return Exit.FAILED_RUNS
-    if Verdict.NOT_COMPARABLE in verdicts or not findings:
+    unlike = [f for f in findings if f.verdict == Verdict.NOT_COMPARABLE]
+    if not findings or any(doubt == Doubt.ALL or not finding.excused for finding in unlike):
         return Exit.CANNOT_JUDGE
     doubtful = [f for f in findings if f.verdict == Verdict.INCONCLUSIVE]
-    if any(strict or _alarming(finding) for finding in doubtful):
+    if doubt == Doubt.ALL and doubtful:
+        return Exit.CANNOT_JUDGE
+    if doubt == Doubt.MARGIN and any(_alarming(finding) for finding in doubtful):
         return Exit.CANNOT_JUDGE
     return Exit.PASS
 
@@ -213,10 +186,7 @@ def _judge(judged: Sequence[Judged], table: Sequence[Tolerance]) -> list[Finding
             continue
         kinds = {n.tolerance.metric for n in judged if n.tolerance.aspect == tolerance.aspect}
         level = confidence(tolerance.aspect, "all", len(kinds))
-        means = [fmean(changes_of(number).values()) for number in mine]
-        interval = statistics.sample(means, level)
-        if tolerance.kind != "difference":
-            interval = as_share(interval)
+        interval = interval_of_all(mine, level)
         before, after = fmean(n.before for n in mine), fmean(n.after for n in mine)
         findings.append(_finding(ALL_CELLS, tolerance, (before, after), interval))
     return findings

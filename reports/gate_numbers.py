@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from statistics import fmean, median
 from typing import Any
 
@@ -13,6 +13,7 @@ from reports.tolerances import Tolerance
 
 SPREAD_LEAST = 4  # cells from which their spread is worth knowing
 NORMAL_MAD = 1.4826  # standard deviation over median absolute deviation, normal distribution
+MEDIAN_ERROR = NORMAL_MAD * 1.2533  # and times the median's standard error over the mean's
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,7 @@ class Judged:
     pairs: Mapping[tuple[str, int], tuple[float, float]]  # (view, seed): (before, after)
     before: float
     after: float
+    errors: Mapping[int, float] = field(default_factory=dict)  # seed: stated error of its change
 
 
 def collect(
@@ -34,10 +36,13 @@ def collect(
     Both are empty for a number that neither side has and nobody requires.
     """
     values: dict[tuple[str, int], tuple[float, float]] = {}
+    errors: dict[int, float] = {}
     for after, before in pairs:
         seed = int(after["seed"])
         ours, theirs = _values(after, tolerance), _values(before, tolerance)
-        if tolerance.kind == "speed":  # repeats are not paired: as many as both have
+        if tolerance.kind == "speed":  # lap by lap, as many as both have
+            stated = (speed.noise(row, tolerance.metric) for row in (after, before))
+            errors[seed] = math.hypot(*stated)
             both = ours.keys() & theirs.keys()
             ours, theirs = ({k: v[k] for k in sorted(both)} for v in (ours, theirs))
         if not ours and not theirs and not tolerance.required:
@@ -48,7 +53,7 @@ def collect(
         values |= {(name, seed): (theirs[name], ours[name]) for name in ours}
     before_mean = fmean(pair[0] for pair in values.values())
     after_mean = fmean(pair[1] for pair in values.values())
-    return Judged(key, tolerance, values, before_mean, after_mean), ""
+    return Judged(key, tolerance, values, before_mean, after_mean, errors), ""
 
 
 def _unusable(ours: Mapping[str, float], theirs: Mapping[str, float]) -> str:
@@ -99,14 +104,15 @@ def interval_of(number: Judged, level: float, among: float = 0.0, cells: int = 0
     """
     changes = changes_of(number)
     tolerance = number.tolerance
-    per_seed = _by_seed(changes)
+    per_seed = by_seed(number)
     if tolerance.kind == "exact":
         mean = fmean(changes.values())
         return Interval(mean, mean, mean, len(changes))
-    repeats = 1.0 if tolerance.kind == "difference" else len(changes) / len(per_seed)
-    stated = tolerance.noise * math.sqrt(2 / repeats / len(per_seed))
+    seeds = len(per_seed)
+    stated = tolerance.noise * math.sqrt(2 / seeds)
+    measured = math.sqrt(sum(error**2 for _, error in per_seed.values())) / seeds
     run = max(
-        statistics.quantile(math.inf, level) * stated,
+        statistics.quantile(math.inf, level) * math.hypot(stated, measured),
         statistics.quantile(cells - 1, level) * among if among > 0 else 0.0,
     )
     if tolerance.kind == "difference":
@@ -116,7 +122,7 @@ def interval_of(number: Judged, level: float, among: float = 0.0, cells: int = 0
             return found  # the same to the bit: a deterministic run has no noise to add
         half = math.hypot(found.half, run)
         return Interval(found.mean, found.mean - half, found.mean + half, found.samples)
-    mean = fmean(per_seed)
+    mean = change_of(number)
     return as_share(Interval(mean, mean - run, mean + run, len(changes)))
 
 
@@ -129,7 +135,7 @@ def spread_among(numbers: Sequence[Judged]) -> float:
     """
     if len(numbers) < SPREAD_LEAST:
         return 0.0
-    means = [fmean(changes_of(number).values()) for number in numbers]
+    means = [change_of(number) for number in numbers]
     explained = (
         [None for _ in numbers],
         [number.key.method for number in numbers],
@@ -148,9 +154,51 @@ def _left_over(means: Sequence[float], labels: Sequence[str | None]) -> float:
     return NORMAL_MAD * math.sqrt(lost) * median(rest)
 
 
-def _by_seed(changes: Mapping[tuple[str, int], float]) -> list[float]:
-    seeds = sorted({seed for _, seed in changes})
-    return [fmean(v for (_, seed), v in changes.items() if seed == one) for one in seeds]
+def by_seed(number: Judged) -> dict[int, tuple[float, float]]:
+    """Return each seed's change and the error of it that its own measurements show.
+
+    Of speeds the median over repeats counts: what disturbs a machine disturbs single repeats. Its
+    error is the median absolute deviation's, or what the rows state where there is one repeat.
+    """
+    found: dict[int, list[float]] = {}
+    for (_, seed), change in changes_of(number).items():
+        found.setdefault(seed, []).append(change)
+    if number.tolerance.kind != "speed":
+        return {seed: (fmean(values), 0.0) for seed, values in found.items()}
+    out = {}
+    for seed, values in found.items():
+        centre = median(values)
+        spread = median(abs(value - centre) for value in values)
+        own = MEDIAN_ERROR * spread / math.sqrt(len(values))
+        out[seed] = centre, math.hypot(own, number.errors.get(seed, 0.0))
+    return out
+
+
+def change_of(number: Judged) -> float:
+    """Return the mean change over seeds, positive is better; a logarithm for ratios."""
+    return fmean(change for change, _ in by_seed(number).values())
+
+
+def interval_of_all(numbers: Sequence[Judged], level: float) -> Interval:
+    """Return the interval of one metric's mean change over all cells, shares for ratios.
+
+    Quality goes by cells: their seeds share what a scene is. Speed goes by single runs, whose
+    errors are their own, and adds what all runs of one gate share (``Tolerance.common``).
+    """
+    tolerance = numbers[0].tolerance
+    if tolerance.kind == "speed":
+        values = [change for number in numbers for change, _ in by_seed(number).values()]
+    else:
+        values = [change_of(number) for number in numbers]
+    found = statistics.sample(values, level)
+    if found.mean == found.half == 0:
+        return found
+    normal = statistics.quantile(math.inf, level)
+    least = normal * tolerance.noise * math.sqrt(2 / len(values))
+    shared = normal * tolerance.common * math.sqrt(2)
+    half = math.hypot(max(found.half, least), shared)
+    interval = Interval(found.mean, found.mean - half, found.mean + half, found.samples)
+    return interval if tolerance.kind == "difference" else as_share(interval)
 
 
 def as_share(found: Interval) -> Interval:

@@ -10,9 +10,9 @@ from typing import Any
 from xml.etree import ElementTree
 
 from reports import tolerances
-from reports.gate import ALL_CELLS, Exit, Finding, GateReport, Verdict
+from reports.gate_findings import ALL_CELLS, Exit, Finding, GateReport, Verdict
 
-SCHEMA = 1
+SCHEMA = 2
 MEANING = {
     Exit.PASS: "pass",
     Exit.REGRESSION: "regression",
@@ -86,8 +86,8 @@ def junit(report: GateReport) -> str:
     for cell in sorted(suites, key=lambda name: (name != ALL_CELLS, name)):
         mine = sorted(suites[cell], key=lambda finding: finding.metric)
         failures = sum(finding.verdict in FAILURES for finding in mine)
-        errors = sum(finding.verdict == Verdict.NOT_COMPARABLE for finding in mine)
-        skipped = sum(finding.verdict == Verdict.INCONCLUSIVE for finding in mine)
+        errors = sum(_is_error(finding) for finding in mine)
+        skipped = sum(f.excused or f.verdict == Verdict.INCONCLUSIVE for f in mine)
         attributes = {
             "name": cell,
             "tests": str(len(mine)),
@@ -104,13 +104,17 @@ def junit(report: GateReport) -> str:
     return f'<?xml version="1.0" encoding="utf-8"?>\n{body}\n'
 
 
+def _is_error(finding: Finding) -> bool:
+    return finding.verdict == Verdict.NOT_COMPARABLE and not finding.excused
+
+
 def _junit_outcome(case: ElementTree.Element, finding: Finding) -> None:
     message = f"{finding.verdict}: {sentence(finding)}"
     if finding.verdict in FAILURES:
         ElementTree.SubElement(case, "failure", message=message, type=str(finding.verdict))
-    elif finding.verdict == Verdict.NOT_COMPARABLE:
+    elif _is_error(finding):
         ElementTree.SubElement(case, "error", message=message, type=str(finding.verdict))
-    elif finding.verdict == Verdict.INCONCLUSIVE:
+    elif finding.excused or finding.verdict == Verdict.INCONCLUSIVE:
         ElementTree.SubElement(case, "skipped", message=message)
     else:
         ElementTree.SubElement(case, "system-out").text = message
@@ -143,6 +147,7 @@ def _document(finding: Finding) -> dict[str, Any]:
         "relative": finding.metric in RATIOS,
         "margin": finding.margin,
         "worst_view": finding.worst_view,
+        "excused": finding.excused,
     }
 
 

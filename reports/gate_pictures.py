@@ -7,7 +7,7 @@ import numpy as np
 from PIL import Image
 
 from reports import pictures
-from reports.gate import Finding, GateReport, Verdict
+from reports.gate_findings import Finding, GateReport, Verdict
 from reports.pictures import Floats, Gallery
 from reports.rows import Row, cells, refused
 

@@ -1,17 +1,22 @@
-"""Speed that two machines can share: every value relative to a fixed workload of its own process.
+"""Speed that two runs can share: every value relative to a fixed workload of its own process.
 
-From a row, the first that is there: ``repeats``, measurements interleaved with the workload
-(``{"fps": [{"value": 61.2, "calibration": 0.051}, …]}``); the metric ``fps_calibrated`` or
-``time_calibrated``; the plain metric with the metric ``calibration``, or with the provenance's
-(seconds, a number or ``{"seconds": …}``).
+From a row, the first that is there: ``repeats``, measurements in turns with the workload
+(``{"time": [{"value": 2.1, "calibration": 0.051}, …]}``, laps of a training for example); the
+metric ``fps_calibrated`` or ``time_calibrated``; the plain metric with the workload's seconds, a
+number or ``{"seconds": …}``, in the provenance or, for rates, in the metric ``calibration``.
+
+The workload takes off how busy or how fast a machine is at the moment; it does not make two kinds
+of processor alike, so that speeds of different machines are not compared at all.
 """
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
 from reports.rows import Row
 
 RATES = {"fps"}  # per second: a slower machine has less; all others are seconds: it has more
+MACHINE = ("cpu", "cpu_kind", "cores", "threads", "workload")  # of the provenance
 
 
 def calibrated(row: Row, metric: str) -> dict[str, float]:
@@ -25,7 +30,7 @@ def calibrated(row: Row, metric: str) -> dict[str, float]:
         ready = row["metrics"].get(f"{metric}_calibrated")
         if ready:
             return {"0": float(ready)}
-        repeats = [{"value": row["metrics"].get(metric), "calibration": _workload(row)}]
+        repeats = [{"value": row["metrics"].get(metric), "calibration": _workload(row, metric)}]
     found = {}
     for index, repeat in enumerate(repeats):
         value, workload = repeat.get("value"), seconds(repeat.get("calibration"))
@@ -35,8 +40,25 @@ def calibrated(row: Row, metric: str) -> dict[str, float]:
     return found
 
 
-def _workload(row: Row) -> Any:
-    return row["metrics"].get("calibration") or (row.get("provenance") or {}).get("calibration")
+def noise(row: Row, metric: str) -> float:
+    """Return the relative standard error that the row states for a calibrated value, else 0."""
+    found = row["metrics"].get(f"{metric}_noise")
+    return float(found) if isinstance(found, int | float) and math.isfinite(found) else 0.0
+
+
+def other_machine(candidate: Row, baseline: Row) -> str:
+    """Say how the machines of two rows differ; empty when they are of one kind."""
+    ours, theirs = (row.get("provenance") or {} for row in (candidate, baseline))
+    if not ours.get("cpu") or not theirs.get("cpu"):
+        return "the machine is not known"
+    unlike = [name for name in MACHINE if ours.get(name) != theirs.get(name)]
+    told = (f"{name}: baseline {theirs.get(name)}, candidate {ours.get(name)}" for name in unlike)
+    return f"another machine ({'; '.join(told)})" if unlike else ""
+
+
+def _workload(row: Row, metric: str) -> Any:
+    ours = (row.get("provenance") or {}).get("calibration")
+    return ours or (row["metrics"].get("calibration") if metric in RATES else None)
 
 
 def seconds(calibration: Any) -> float | None:

@@ -3,13 +3,15 @@
 Margins are the smallest changes that somebody should look at; a verdict needs the whole interval
 beyond its margin. ``noise`` is the standard deviation, between two runs of the same code and seed,
 of one cell's number (its mean over views; for ratios its logarithm), where the rows themselves
-cannot show it: one run is one sample. A baseline may bring its own, measured.
+cannot show it: one run is one sample. A baseline may bring its own, measured. ``common`` is the
+part that all cells of a run share, which no number of cells averages out.
 
 The chance of a false alarm is bounded for a whole gate run, not per number: ``ALARM`` is shared out
 among families, and within a family evenly among its numbers (Bonferroni).
 """
 
 from dataclasses import dataclass
+from enum import StrEnum
 
 ALARM = 0.01  # chance that a gate run on unchanged code calls anything worse
 # Shares of ALARM by (aspect, scope). Speed over all cells gets most: it is the noisiest and the
@@ -23,6 +25,18 @@ SHARES = {
     ("size", "cell"): 0.1,
 }
 POOL_LEAST = 3  # cells from which a mean over all cells has an interval worth the name
+
+
+class Doubt(StrEnum):
+    """Which inconclusive numbers mean that nothing can be judged (exit code 2).
+
+    ``ALL`` of them, and excused ones too; those whose estimate is a loss beyond its ``MARGIN``; or
+    ``NONE``: they are told only.
+    """
+
+    ALL = "all"
+    MARGIN = "margin"
+    NONE = "none"
 
 
 @dataclass(frozen=True)
@@ -40,6 +54,7 @@ class Tolerance:
     kind: str
     margin: float
     noise: float = 0.0
+    common: float = 0.0  # standard deviation of what all cells of a run share, likewise
     required: bool = True
 
 
@@ -53,8 +68,8 @@ TOLERANCES: tuple[Tolerance, ...] = (
     Tolerance("detail_psnr", "quality", +1, "difference", 0.15, 0.03, required=False),
     Tolerance("registered", "quality", +1, "exact", 0.0),
     Tolerance("mean_iou", "quality", +1, "exact", 0.005, required=False),
-    Tolerance("time", "cost", -1, "speed", 0.03, 0.03),
-    Tolerance("fps", "cost", +1, "speed", 0.03, 0.03),
+    Tolerance("time", "cost", -1, "speed", 0.02, 0.02, 0.01),
+    Tolerance("fps", "cost", +1, "speed", 0.02, 0.02, 0.01),
     Tolerance("size_mb", "size", -1, "ratio", 0.05, 0.005),
     Tolerance("splats", "size", -1, "ratio", 0.05, 0.005),
 )

@@ -4,7 +4,7 @@ import json
 import subprocess
 from pathlib import Path
 
-from mattgs_ops.provenance import cpu_model, describe, git_commit, versions
+from mattgs_ops.provenance import cpu_kind, cpu_model, describe, git_commit, versions
 
 
 def git(folder: Path, *arguments: str) -> str:
@@ -28,7 +28,8 @@ def test_everything_is_json_and_says_how_many_threads() -> None:
     assert found["threads"] == 3
     assert found["cores"] >= 1
     assert found["cpu"]
-    assert set(found) == {"versions", "git", "cpu", "cores", "threads", "platform"}
+    machine = {"cpu", "cpu_kind", "cores", "threads", "platform", "workload"}
+    assert set(found) == {"versions", "git"} | machine
 
 
 def test_versions_are_those_of_the_installed_libraries() -> None:
@@ -44,6 +45,13 @@ def test_the_processor_is_named_or_its_architecture(tmp_path: Path) -> None:
     file.write_text("processor\t: 0\nmodel name\t: Fast: One @ 3 GHz\n")
     assert cpu_model(file) == "Fast: One @ 3 GHz"
     assert cpu_model(tmp_path / "absent")
+
+
+def test_processors_of_one_name_are_told_apart(tmp_path: Path) -> None:
+    file = tmp_path / "cpuinfo"
+    file.write_text("cpu family\t: 25\nmodel\t\t: 1\nmodel name\t: EPYC\nflags\t\t: fpu avx avx2\n")
+    assert cpu_kind(file).endswith("cpu family 25 model 1 avx2")
+    assert cpu_kind(tmp_path / "absent")
 
 
 def test_the_commit_is_told_and_edits_are_marked(tmp_path: Path) -> None:

@@ -9,7 +9,8 @@ import pytest
 
 from mattgs_ops.errors import InputError
 from reports import baseline
-from reports.gate import Exit, compare
+from reports.gate import compare
+from reports.gate_findings import Exit
 from reports.rows import problems
 
 Row = dict[str, Any]
@@ -61,14 +62,73 @@ def test_version_1_is_migrated(make_grid: Callable[..., list[Row]], tmp_path: Pa
     assert json.loads((tmp_path / "new.json").read_text())["schema"] == baseline.SCHEMA
 
 
+def test_version_2_is_migrated(make_grid: Callable[..., list[Row]], tmp_path: Path) -> None:
+    rows = make_grid()
+    machine = {"cpu": ["A CPU"], "threads": ["1"], "code_version": ["0.1.0"], "git": []}
+    document = {
+        "schema": 2,
+        "name": "quick",
+        "protocol": 1,
+        "rows": rows,
+        "rows_digest": baseline.digest(rows),
+        "machine": machine,
+        "noise": {"psnr": 0.05},
+    }
+    path = tmp_path / "old.json"
+    path.write_text(json.dumps(document))
+    read = baseline.load(path)
+    assert read.machine["cpu"] == ["A CPU"]
+    assert "code_version" not in read.machine
+    assert read.made_by["code_version"] == ["0.1.0"]
+    assert read.calibration == 0.5
+    assert (dict(read.noise), list(read.rows)) == ({"psnr": 0.05}, rows)
+    assert compare(rows, read.rows, noise=read.noise).exit_code == Exit.PASS
+    made = baseline.make(rows, "quick")
+    assert (read.machine, read.made_by) == (made.machine, made.made_by), "as if made now"
+
+
+def test_what_made_it_has_a_digest(make_grid: Callable[..., list[Row]]) -> None:
+    rows = make_grid()
+    first = baseline.make(rows, "quick").made_by
+    rows[0]["provenance"] = rows[0]["provenance"] | {"code_version": "0.2.0"}
+    second = baseline.make(rows, "quick").made_by
+    assert second["code_version"] == ["0.1.0", "0.2.0"]
+    assert first["digest"] != second["digest"]
+
+
+def test_noise_is_how_runs_of_the_same_code_differ(make_row: Callable[..., Row]) -> None:
+    def run(shift: float) -> list[Row]:
+        row = make_row("rover", "nobg", "3dgs")
+        for view in row["per_view"]:
+            view["psnr"] += shift
+        return [row]
+
+    noise = baseline.measured_noise([run(0.0), run(0.2)])
+    assert noise["psnr"] == pytest.approx(0.2 / 2**0.5, rel=1e-4)
+    assert noise["ssim"] == 0
+    assert "time" not in noise, "speed's noise is the machine's, not the code's"
+    with pytest.raises(InputError, match="two comparable runs"):
+        baseline.measured_noise([run(0.0)])
+
+
+def test_a_baseline_made_anew_keeps_its_noise(
+    make_grid: Callable[..., list[Row]], tmp_path: Path
+) -> None:
+    path = tmp_path / "quick.json"
+    assert baseline.kept_noise(path, "quick") == {}
+    baseline.make(make_grid(), "quick", {"psnr": 0.05}).save(path)
+    assert baseline.kept_noise(path, "quick") == {"psnr": 0.05}
+    assert baseline.kept_noise(path, "other") == {}
+
+
 @pytest.mark.parametrize(
     ("text", "word"),
     [
         ("{", "readable"),
         ("[]", "with `rows`"),
-        ('{"schema": 3, "rows": []}', "schema 1 to 2, found 3"),
+        ('{"schema": 4, "rows": []}', "schema 1 to 3, found 4"),
         ('{"schema": "2", "rows": []}', "found '2'"),
-        ('{"schema": 2, "rows": []}', "expected machine, name, noise"),
+        ('{"schema": 2, "rows": []}', "expected name, noise, protocol"),
     ],
 )
 def test_what_is_no_baseline_is_refused_by_name(tmp_path: Path, text: str, word: str) -> None:

@@ -14,9 +14,11 @@ from PIL import Image
 
 from mattgs_ops.errors import InputError
 from reports import gate_output, gate_pictures, self_check, speed, statistics
-from reports.gate import ALL_CELLS, Exit, Finding, GateReport, Verdict, compare, verdict_of
+from reports.gate import compare, verdict_of
+from reports.gate_findings import ALL_CELLS, Exit, Finding, GateReport, Verdict
 from reports.rows import Row
 from reports.statistics import Interval
+from reports.tolerances import Doubt
 
 SCHEMA = Path(gate_output.__file__).with_name("gate_schema.json")
 Rows = list[Row]
@@ -283,7 +285,53 @@ def test_a_doubtful_loss_cannot_be_judged_a_doubtful_trifle_can(old: Rows) -> No
     for view in rows[0]["per_view"]:
         view["psnr"] += 0.35  # the estimate is now within the margin
     assert compare(rows, small).exit_code == Exit.PASS
-    assert compare(rows, small, strict=True).exit_code == Exit.CANNOT_JUDGE
+    assert compare(rows, small, doubt=Doubt.ALL).exit_code == Exit.CANNOT_JUDGE
+
+
+def test_doubt_can_be_told_only(old: Rows) -> None:
+    rows = deepcopy(old[:1])
+    for view, shift in zip(rows[0]["per_view"], (-2.0, 1.0, -1.5, 0.6, -0.4, 0.3), strict=True):
+        view["psnr"] += shift
+    report = compare(rows, old[:1], doubt=Doubt.NONE)
+    assert report.findings[0].verdict == Verdict.INCONCLUSIVE
+    assert report.exit_code == Exit.PASS
+
+
+@pytest.mark.parametrize("field", ["cpu", "cores", "threads", "cpu_kind", "workload"])
+def test_speed_of_another_machine_is_not_compared_and_excused(old: Rows, field: str) -> None:
+    def move(row: Row) -> None:
+        row["provenance"][field] = "other"
+        row["metrics"]["time"] *= 5
+
+    report = compare(changed(old, move), old)
+    assert found(report, Verdict.NOT_COMPARABLE) == {(ALL_CELLS, "time"), (ALL_CELLS, "fps")}
+    assert report.exit_code == Exit.PASS
+    assert compare(changed(old, move), old, doubt=Doubt.ALL).exit_code == Exit.CANNOT_JUDGE
+    assert f"another machine ({field}: baseline" in gate_output.terminal(report)
+    jsonschema.validate(json.loads(gate_output.to_json(report)), json.loads(SCHEMA.read_text()))
+    assert 'errors="1"' not in gate_output.junit(report)
+
+
+def test_an_unknown_machine_is_not_the_same_one(old: Rows) -> None:
+    def forget(row: Row) -> None:
+        del row["provenance"]["cpu"]
+
+    unknown = changed(old, forget)
+    assert (ALL_CELLS, "fps") in found(compare(unknown, unknown), Verdict.NOT_COMPARABLE)
+
+
+def test_one_disturbed_lap_is_no_slower_training(old: Rows) -> None:
+    def with_laps(row: Row) -> None:
+        laps = [{"value": 1.0 + 0.1 * k, "calibration": 0.05} for k in range(8)]
+        row["repeats"] = {"time": laps}
+
+    before = changed(old, with_laps)
+    after = deepcopy(before)
+    for row in after:
+        row["repeats"]["time"][3]["value"] *= 4
+    assert (ALL_CELLS, "time") in found(compare(after, before), Verdict.SAME)
+    slower = [self_check.lose_speed(row) for row in after]
+    assert (ALL_CELLS, "time") in found(compare(slower, before), Verdict.WORSE)
 
 
 @pytest.mark.parametrize(
@@ -352,24 +400,26 @@ def test_a_quiet_gate_says_one_line(old: Rows) -> None:
 
 
 def test_the_self_check_trusts_the_gate_on_quiet_rows(old: Rows) -> None:
-    result = self_check.self_check(jittered(old, seed=2), jittered(old, seed=3), comparisons=20)
+    runs = [jittered(old, seed=seed) for seed in (2, 3, 4)]
+    result = self_check.self_check(runs, comparisons=20)
     assert result.trusted
-    assert result == self_check.self_check(
-        jittered(old, seed=2), jittered(old, seed=3), comparisons=20
-    )
+    assert result == self_check.self_check(runs, comparisons=20)
+    assert "the gate may be trusted" in self_check.told(result)
 
 
 def test_the_self_check_does_not_trust_it_on_rows_that_jump(old: Rows) -> None:
-    wild = self_check.self_check(
-        jittered(old, 1.0, seed=2), jittered(old, 1.0, seed=3), comparisons=12
-    )
+    runs = [jittered(old, 1.0, seed=seed) for seed in (2, 3)]
+    wild = self_check.self_check(runs, comparisons=12)
     assert wild.false_alarms < 0.1
     assert not wild.trusted
+    assert "may not be trusted" in self_check.told(wild)
 
 
 def test_a_self_check_needs_two_runs_of_the_same_grid(old: Rows) -> None:
     with pytest.raises(InputError, match="same finished experiments"):
-        self_check.self_check(old, old[1:])
+        self_check.self_check([old, old[1:]])
+    with pytest.raises(InputError, match="two runs or more"):
+        self_check.self_check([old])
 
 
 def test_findings_know_how_bad_they_are() -> None:

@@ -19,8 +19,11 @@ from reports import formats
 from reports.build import build
 from reports.side_tables import all_tables
 from tasks import prefect_tasks as run
-from tasks.row import Outcome, Row, make_row, settings
+from tasks.record import record_summary
+from tasks.registry_live import Expected, following
+from tasks.row import Outcome, Row, make_row, running_row, settings
 from tasks.stage import Artifact, Cell, Place
+from tasks.train import training_title
 
 Future = PrefectFuture[Artifact]
 
@@ -57,9 +60,10 @@ def benchmark(config: BenchmarkConfig, out: Path, tracking_uri: str) -> Path:
     place = Place(out, config.name, config.run)
     chains = [chain for capture in config.captures for chain in _submit(place, capture, config)]
     outcomes = []
-    for chain in chains:
-        outcomes.append(_wait(place, chain))
-        _record(place, config, tracking_uri, outcomes[-1], {}, final=False)
+    with following(place, tracking_uri, _expected(place, config, chains)):
+        for chain in chains:
+            outcomes.append(_wait(chain))
+            _record(place, config, tracking_uri, outcomes[-1], {}, final=False)
     outcomes, speeds = _measure(place, outcomes, config)
     rows = [_record(place, config, tracking_uri, o, speeds, final=True) for o in outcomes]
     path = build(
@@ -68,6 +72,7 @@ def benchmark(config: BenchmarkConfig, out: Path, tracking_uri: str) -> Path:
         title=f"Benchmark {config.name}",
         artifacts_root=place.store,
     )
+    record_summary(place, tracking_uri, config.name, rows, path.parent)
     _show(config.name, rows)
     failed = [row for row in rows if row["status"] == "failed"]
     if failed:
@@ -93,7 +98,18 @@ def _submit(place: Place, capture: CaptureConfig, config: BenchmarkConfig) -> li
     return chains
 
 
-def _wait(place: Place, chain: Chain) -> Outcome:
+def _expected(place: Place, config: BenchmarkConfig, chains: list[Chain]) -> dict[str, Expected]:
+    """Say which run each training belongs to, by the title of its stage."""
+    return {
+        training_title(chain.cell): Expected(
+            running_row(place, config, chain.cell, chain.prepared), settings(config, chain.cell)
+        )
+        for chain in chains
+        if chain.prepared is not None
+    }
+
+
+def _wait(chain: Chain) -> Outcome:
     """Wait for one experiment; the first of its tasks that failed says why."""
     if chain.prepared is None:
         return Outcome(chain.cell, reason=chain.broken)
@@ -101,9 +117,7 @@ def _wait(place: Place, chain: Chain) -> Outcome:
     for name, future in chain.futures:
         try:
             # raises too when Dask lost the worker, which a plain wait() would pass over in silence
-            made = future.result()
-            place.folder(made)  # brings it here from where it was made
-            outcome.artifacts[name] = made
+            outcome.artifacts[name] = future.result()
         except Exception as error:
             return replace(outcome, reason=str(error) or type(error).__name__)
     return outcome

@@ -10,10 +10,9 @@ from flows.embedded import Services
 from flows.grid import count_stages
 from mattgs_ops.config import BenchmarkConfig
 from mattgs_ops.errors import InputError
-from mattgs_ops.remote_store import RemoteStore
 from mattgs_ops.store import Store
 from mattgs_ops.store_cleaning import in_use
-from tasks import registry, status
+from tasks import status
 from tasks.prepare import prepare
 from tasks.stage import Place
 
@@ -29,8 +28,6 @@ def run_benchmark(config: BenchmarkConfig, out: Path) -> bool:
     out.mkdir(parents=True, exist_ok=True)
     embedded.quieten(out)
     place = Place(out, config.name, config.run)
-    if config.run.store is not None:
-        RemoteStore(config.run.store).check()
     for old in place.status.glob("*.json"):
         old.unlink()
     with in_use(Store(place.store)), embedded.Starting(out, config.run) as starting:
@@ -39,20 +36,6 @@ def run_benchmark(config: BenchmarkConfig, out: Path) -> bool:
             report, complete = _run_flow(config, out, starting.ready())
         _print_end(place, report, console, time.monotonic() - began)
     return complete
-
-
-def rebuild_report(benchmark: str, out: Path) -> Path:
-    """Build a report from the registry's rows and the store; return its path."""
-    from reports.build import build
-
-    rows = registry.rows(embedded.tracking_uri(out), benchmark)
-    newest = {registry.experiment_key(row): row for row in reversed(rows)}
-    return build(
-        list(newest.values()),
-        out / "benchmarks" / benchmark,
-        title=f"Benchmark {benchmark}",
-        artifacts_root=Place(out, benchmark).store,
-    )
 
 
 def _prepare_all(place: Place, config: BenchmarkConfig) -> None:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from mattgs_ops.attention import paper_attention
 from mattgs_ops.scene import Scene, View
+from mattgs_ops.scene_example import example
 from reports import pictures
 from reports.figures import Saved, save
 from reports.pictures import Floats, Gallery, Window, artifact
@@ -122,9 +123,9 @@ def masked_sfm(
         place = artifact(row, "scene", root)
         if place is not None and (place / "scene.json").is_file():
             scene = Scene.load(place)
-            views = scene.registered("test") or scene.registered("train")
-            if views:
-                found.append((name, scene, views[len(views) // 2]))
+            view = example(scene)
+            if view is not None:
+                found.append((name, scene, view))
     if not found:
         return None
     first = pictures.read(found[0][2].photo)

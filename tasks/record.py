@@ -1,15 +1,31 @@
 """Put a row into the registry; a registry that fails never costs a finished experiment."""
 
-import csv
+import glob
 import logging
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from tasks import registry
+from mattgs_ops.scene import Scene
+from mattgs_ops.scene_example import example
+from tasks import registry, registry_summary
+from tasks.registry_live import CURVE_FILE, read_curve
 from tasks.row import Row
-from tasks.stage import Artifact, Place
+from tasks.stage import KEY_LETTERS, Artifact, Place, slug
 
-ROWS_FOLDER = "rows"
+# Stage → what of its folder a run keeps → the folder in the run ("": the top)
+KEPT = {
+    "train": {"splats.ply": "", "training.json": "", CURVE_FILE: "", "start.npz": ""},
+    "evaluate": {
+        "evaluation.json": "",
+        "views.json": "",
+        "renders": "renders",
+        "truth/test": "truth/test",
+        "masks/test": "masks/test",
+    },
+    "segment": {"masks.json": ""},
+    "sfm": {"scene.json": "scene", "points.npz": "scene", "sfm.png": "scene", "sfm.log": "logs"},
+}
 
 
 def record(
@@ -28,7 +44,10 @@ def record(
     """
     try:
         experiment = registry.open_benchmark(
-            tracking_uri, row["benchmark"], place.out / "mlflow-artifacts"
+            tracking_uri,
+            row["benchmark"],
+            # a server that others share keeps files itself, where all can see them
+            None if tracking_uri.startswith("http") else place.out / "mlflow-artifacts",
         )
         run_id = registry.record(
             tracking_uri,
@@ -36,7 +55,7 @@ def record(
             row,
             parameters=settings,
             curve=() if final else _curve(place, artifacts),
-            files=() if final else _files(place, artifacts),
+            files=() if final else _files(place, row, artifacts),
             final=final,
         )
     except Exception as error:  # whatever MLflow, its database or its server raise
@@ -47,29 +66,57 @@ def record(
     return row | {"run_id": run_id}
 
 
+def record_summary(
+    place: Place, tracking_uri: str, benchmark: str, rows: list[Row], report: Path
+) -> None:
+    """Log a benchmark's rows and its report's folder to its summary run; never raises."""
+    try:
+        experiment = registry.open_benchmark(
+            tracking_uri, benchmark, place.out / "mlflow-artifacts"
+        )
+        registry_summary.record_summary(tracking_uri, experiment, benchmark, rows, report)
+    except Exception as error:  # whatever MLflow, its database or its server raise
+        text = "the summary of %s was not logged to MLflow: %s"
+        logging.getLogger("mattgs").warning(text, benchmark, error)
+
+
 def _curve(place: Place, artifacts: dict[str, Artifact]) -> list[dict[str, float]]:
-    """Read the training curve, one mapping per line with ``step``."""
     if "train" not in artifacts:
         return []
-    path = place.folder(artifacts["train"]) / "curve.csv"
-    with path.open(newline="", encoding="utf-8") as file:
-        return [{key: float(value) for key, value in line.items()} for line in csv.DictReader(file)]
+    return read_curve(place.folder(artifacts["train"]) / CURVE_FILE)
 
 
-def _files(place: Place, artifacts: dict[str, Artifact]) -> list[tuple[Path, str]]:
-    """List what a run keeps: splats, curve, scores, renders and the stages' reports."""
-    wanted = {
-        "train": ("splats.ply", "training.json", "curve.csv"),
-        "evaluate": ("evaluation.json", "renders"),
-        "segment": ("masks.json",),
-    }
-    found = []
-    for stage, names in wanted.items():
+def _files(place: Place, row: Row, artifacts: dict[str, Artifact]) -> Iterator[tuple[Path, str]]:
+    """Yield what a run keeps, and where in the run: all that a report or a viewer needs."""
+    for stage, names in KEPT.items():
         if stage in artifacts:
             folder = place.folder(artifacts[stage])
-            found += [
-                (folder / name, name if (folder / name).is_dir() else "")
-                for name in names
-                if (folder / name).exists()
-            ]
-    return found
+            for name, where in names.items():
+                if (folder / name).exists():
+                    yield folder / name, where
+    if "sfm" in artifacts:
+        yield from _example(place.folder(artifacts["sfm"]))
+    yield from ((log, "logs") for log in _logs(place, row, artifacts))
+
+
+def _example(folder: Path) -> Iterator[tuple[Path, str]]:
+    """Yield the one photo and mask of the scene that figures show."""
+    view = example(Scene.load(folder))
+    for path in () if view is None else (view.photo, view.mask):
+        if path is not None and path.is_file():
+            yield path, f"scene/{path.relative_to(folder).parent.as_posix()}"
+
+
+def _logs(place: Place, row: Row, artifacts: dict[str, Artifact]) -> Iterator[Path]:
+    """Yield the log of each stage; of one that failed the newest of its title."""
+    cell = f"{row['capture']} {row['condition']} seed {row['seed']}"
+    owners = {"segment": row["capture"], "sfm": row["capture"], "train": cell, "evaluate": cell}
+    for stage, owner in owners.items():
+        title = slug(f"{stage} {owner}")
+        if stage in artifacts:
+            digest = artifacts[stage].key.rpartition("/")[2]
+            logs = list(place.logs.glob(f"{glob.escape(title)}-{digest[:KEY_LETTERS]}.log"))
+        else:
+            found = place.logs.glob(f"{glob.escape(title)}-{'[0-9a-f]' * KEY_LETTERS}.log")
+            logs = sorted(found, key=lambda path: path.stat().st_mtime)[-1:]
+        yield from logs

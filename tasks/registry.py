@@ -1,9 +1,10 @@
-"""Rows in MLflow: the only module that speaks to it.
+"""Rows in MLflow: with the modules ``registry_*`` beside it the only ones that speak to it.
 
 One MLflow experiment per benchmark, one flat run per row (nested runs break the comparison charts).
 A run carries tags to group and filter by, the configuration as flat parameters, the row's metrics
 under their plain names, the training curve as metrics ``curve_*`` by step, and the per-view scores
-and the row itself as artifacts. A row that is recorded again, by a rerun or with more metrics,
+and the row itself as artifacts. Points of a curve are logged once, whether they come while the
+training runs or with its row. A row that is recorded again, by a rerun or with more metrics,
 updates its run instead of adding one; which run is its own is said by the tag ``mattgs.row``.
 
 A fresh SQLite database must be initialised once (:func:`initialise`) before several processes use
@@ -22,7 +23,7 @@ from mattgs_ops.errors import InputError
 
 Row = dict[str, Any]
 
-ROW_FILE, VIEWS_FILE = "row.json", "per_view.json"
+ROW_FILE, VIEWS_FILE, CONFIG_FILE = "row.json", "per_view.json", "config.json"
 BATCH_METRICS, BATCH_PARAMETERS = 1000, 100  # MLflow's limits for one call of log_batch
 PARAMETER_LENGTH = 6000  # MLflow's limit for a value
 TAGS = ("capture", "condition", "background", "method", "seed", "iterations", "resolution")
@@ -82,9 +83,10 @@ def record(
     """
     client = _client(tracking_uri)
     run_id = _run_of(client, experiment, row)
-    now = time.time_ns() // 1_000_000
-    _log_metrics(client, run_id, _metrics(row, now) + _curve_metrics(curve, now))
+    _log_metrics(client, run_id, _metrics(row, time.time_ns() // 1_000_000))
+    log_curve(tracking_uri, run_id, curve)
     _log_parameters(client, run_id, parameters)
+    client.log_dict(run_id, dict(parameters), CONFIG_FILE)
     for local, place in files:
         log = client.log_artifacts if local.is_dir() else client.log_artifact
         log(run_id, str(local), place or None)
@@ -96,6 +98,33 @@ def record(
     else:
         client.update_run(run_id, status="RUNNING")
     return run_id
+
+
+def begin(tracking_uri: str, experiment: str, row: Row, parameters: Mapping[str, Any]) -> str:
+    """Open the run of an experiment that is under way, and return its id.
+
+    Its row, recorded later, finds the same run.
+    """
+    client = _client(tracking_uri)
+    run_id = _run_of(client, experiment, row)
+    client.update_run(run_id, status="RUNNING")
+    _log_parameters(client, run_id, parameters)
+    return run_id
+
+
+def log_curve(tracking_uri: str, run_id: str, curve: Sequence[Mapping[str, float]]) -> None:
+    """Add the points of a training curve that the run does not have yet, in as few calls as can be.
+
+    Points hold ``step`` and any numbers, and come in the order of their steps.
+    """
+    if not curve:
+        return
+    client = _client(tracking_uri)
+    name = next(key for key in curve[0] if key != "step")
+    known = client.get_metric_history(run_id, f"curve_{name}")
+    last = max((metric.step for metric in known), default=-1)
+    new = [point for point in curve if point["step"] > last]
+    _log_metrics(client, run_id, _curve_metrics(new, time.time_ns() // 1_000_000))
 
 
 def rows(tracking_uri: str, benchmark: str) -> list[Row]:
@@ -166,16 +195,20 @@ def _run_of(client: Any, experiment: str, row: Row) -> str:
         "git": str(provenance.get("git", "")),
         "config_digest": str(provenance.get("config_digest", "")),
     }
-    query = f"tags.`mattgs.row` = '{tags['mattgs.row']}'"
-    found = client.search_runs([experiment], filter_string=query, max_results=1)
-    if not found:
+    run_id = _find_run(client, experiment, row)
+    if run_id is None:
         name = f"{row['capture']} {row['condition']} seed {row['seed']}"
         return str(client.create_run(experiment, tags=tags, run_name=name).info.run_id)
-    run_id = str(found[0].info.run_id)
     from mlflow.entities import RunTag
 
     client.log_batch(run_id, tags=[RunTag(key, value) for key, value in tags.items()])
     return run_id
+
+
+def _find_run(client: Any, experiment: str, row: Row) -> str | None:
+    query = f"tags.`mattgs.row` = '{row_key(row)}'"
+    found = client.search_runs([experiment], filter_string=query, max_results=1)
+    return str(found[0].info.run_id) if found else None
 
 
 def _metrics(row: Row, now: int) -> list[Any]:

@@ -93,6 +93,12 @@ def make_row(
     return row
 
 
+def running_row(place: Place, config: BenchmarkConfig, cell: Cell, prepared: Artifact) -> Row:
+    """Return the row of an experiment that has not ended: what is known of it from the start."""
+    row = make_row(place, config, Outcome(cell, {"prepare": prepared}, reason="running"), {})
+    return row | {"status": "running", "reason": None}
+
+
 def _provenance(place: Place, config: BenchmarkConfig, outcome: Outcome) -> dict[str, Any]:
     """Say what the row came from: code, configuration, photos, outputs, the training's machine."""
     digests = {name: artifact.digest for name, artifact in outcome.artifacts.items()}
@@ -135,7 +141,7 @@ def _scores(
     training = _read(place.folder(artifacts["train"]) / "training.json")
     evaluation = _read(place.folder(artifacts["evaluate"]) / "evaluation.json")
     metrics = dict(evaluation["metrics"])
-    metrics |= {"time": training["wall_seconds"], "cpu_time": training["cpu_seconds"]}
+    metrics |= {"time": training["wall_seconds"], "time_cpu": training["cpu_seconds"]}
     metrics |= speed
     found: dict[str, Any] = {"metrics": metrics, "per_view": evaluation["per_view"]}
     # laps of a training and the fixed workload in turns; a resumed one has none

@@ -26,7 +26,7 @@ def train(place: Place, cell: Cell, scene: Artifact, config: BenchmarkConfig) ->
     kept = config.train.model_dump(mode="json", exclude=unimportant)
     stage = Stage(
         name="train",
-        title=f"train {cell}",
+        title=training_title(cell),
         operation="tasks.train:operate",
         parameters=settings | {"train": kept},
         inputs={"scene": scene.digest},
@@ -34,6 +34,11 @@ def train(place: Place, cell: Cell, scene: Artifact, config: BenchmarkConfig) ->
         resumes=True,
     )
     return perform(place, stage)
+
+
+def training_title(cell: Cell) -> str:
+    """Return how the stage that trains an experiment is called."""
+    return f"train {cell}"
 
 
 def operate(arguments: dict[str, Any], out: Path, threads: int, progress: Progress) -> None:

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from flows import cli_operate
+from flows import cli_gate, cli_operate
 from mattgs_ops.errors import InputError, MattgsError
 
 EXIT_FAILED, EXIT_INPUT, EXIT_EXPERIMENTS, EXIT_INTERRUPTED = 1, 2, 3, 130
@@ -58,6 +58,9 @@ def run(
     dask_scheduler: Annotated[
         str | None, typer.Option(help="Use this Dask scheduler, tcp://HOST:PORT.")
     ] = None,
+    store: Annotated[
+        str | None, typer.Option(help="Share finished stages there: s3://BUCKET/FOLDER, file://…")
+    ] = None,
     out: Out = DEFAULT_OUT,
 ) -> None:
     """Run a benchmark: photos in, tables out.
@@ -86,6 +89,7 @@ def run(
             "workers": workers,
             "threads": threads,
             "dask_scheduler": dask_scheduler,
+            "store": store,
         },
     )
     if not run_benchmark(merged, out.resolve()):
@@ -125,40 +129,7 @@ def ui(
     serve(out.resolve(), port)
 
 
-@app.command()
-def gate(
-    baseline: Annotated[
-        str, typer.Option(help="File of a baseline, or the name of a committed one.")
-    ],
-    benchmark: Annotated[str, typer.Option(help="Name of a benchmark that was run.")] = "quick",
-    strict: Annotated[
-        bool, typer.Option("--strict", help="Whatever is inconclusive cannot be judged.")
-    ] = False,
-    out: Out = DEFAULT_OUT,
-) -> None:
-    """Compare a benchmark with a baseline; for CI.
-
-    Exit codes: 0 pass, 1 regression, 2 cannot judge, 3 failed runs.
-    """
-    from flows.judge import judge
-
-    text, code = judge(out.resolve(), benchmark, baseline, strict=strict)
-    typer.echo(text)
-    raise typer.Exit(code)
-
-
-@app.command()
-def baseline(
-    benchmark: Annotated[str, typer.Argument(help="Name of a benchmark that was run.")],
-    file: Annotated[Path, typer.Argument(help="JSON file to write.")],
-    out: Out = DEFAULT_OUT,
-) -> None:
-    """Make a baseline of a benchmark's rows, for the gate."""
-    from flows.judge import make_baseline
-
-    typer.echo(f"Baseline: {make_baseline(out.resolve(), benchmark, file).resolve()}")
-
-
+cli_gate.register(app)
 cli_operate.register(app)
 
 captures_app = typer.Typer(help="Captures that come with the project.", no_args_is_help=True)

@@ -62,7 +62,7 @@ def benchmark(config: BenchmarkConfig, out: Path, tracking_uri: str) -> Path:
     outcomes = []
     with following(place, tracking_uri, _expected(place, config, chains)):
         for chain in chains:
-            outcomes.append(_wait(chain))
+            outcomes.append(_wait(place, chain))
             _record(place, config, tracking_uri, outcomes[-1], {}, final=False)
     outcomes, speeds = _measure(place, outcomes, config)
     rows = [_record(place, config, tracking_uri, o, speeds, final=True) for o in outcomes]
@@ -109,7 +109,7 @@ def _expected(place: Place, config: BenchmarkConfig, chains: list[Chain]) -> dic
     }
 
 
-def _wait(chain: Chain) -> Outcome:
+def _wait(place: Place, chain: Chain) -> Outcome:
     """Wait for one experiment; the first of its tasks that failed says why."""
     if chain.prepared is None:
         return Outcome(chain.cell, reason=chain.broken)
@@ -117,7 +117,9 @@ def _wait(chain: Chain) -> Outcome:
     for name, future in chain.futures:
         try:
             # raises too when Dask lost the worker, which a plain wait() would pass over in silence
-            outcome.artifacts[name] = future.result()
+            made = future.result()
+            place.folder(made)  # brings it here from where it was made
+            outcome.artifacts[name] = made
         except Exception as error:
             return replace(outcome, reason=str(error) or type(error).__name__)
     return outcome

@@ -10,6 +10,7 @@ from flows.embedded import Services
 from flows.grid import count_stages
 from mattgs_ops.config import BenchmarkConfig
 from mattgs_ops.errors import InputError
+from mattgs_ops.remote_store import RemoteStore
 from mattgs_ops.store import Store
 from mattgs_ops.store_cleaning import in_use
 from tasks import status
@@ -28,6 +29,8 @@ def run_benchmark(config: BenchmarkConfig, out: Path) -> bool:
     out.mkdir(parents=True, exist_ok=True)
     embedded.quieten(out)
     place = Place(out, config.name, config.run)
+    if config.run.store is not None:
+        RemoteStore(config.run.store).check()
     for old in place.status.glob("*.json"):
         old.unlink()
     with in_use(Store(place.store)), embedded.Starting(out, config.run) as starting:

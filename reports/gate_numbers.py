@@ -182,23 +182,36 @@ def change_of(number: Judged) -> float:
 def interval_of_all(numbers: Sequence[Judged], level: float) -> Interval:
     """Return the interval of one metric's mean change over all cells, shares for ratios.
 
-    Quality goes by cells: their seeds share what a scene is. Speed goes by single runs, whose
-    errors are their own, and adds what all runs of one gate share (``Tolerance.common``).
+    Quality goes by views: a view's change, averaged over the cells that show it, is one sample, and
+    captures are strata. To that comes what whole runs differ by. Speed and size go by single runs,
+    whose errors are their own; speed adds what all runs of one gate share (``Tolerance.common``).
     """
     tolerance = numbers[0].tolerance
-    if tolerance.kind == "speed":
-        values = [change for number in numbers for change, _ in by_seed(number).values()]
-    else:
-        values = [change_of(number) for number in numbers]
-    found = statistics.sample(values, level)
-    if found.mean == found.half == 0:
-        return found
     normal = statistics.quantile(math.inf, level)
-    least = normal * tolerance.noise * math.sqrt(2 / len(values))
-    shared = normal * tolerance.common * math.sqrt(2)
-    half = math.hypot(max(found.half, least), shared)
+    runs = [change for number in numbers for change, _ in by_seed(number).values()]
+    stated = normal * tolerance.noise * math.sqrt(2 / len(runs))
+    if tolerance.kind == "difference":
+        found = statistics.stratified(_by_view(numbers), level)
+        among = spread_among(numbers)
+        seen = statistics.quantile(len(numbers) - 1, level) * among / math.sqrt(len(numbers))
+        half = math.hypot(found.half, max(stated, seen))
+    else:
+        found = statistics.sample(runs, level)
+        half = math.hypot(max(found.half, stated), normal * tolerance.common * math.sqrt(2))
+    if found.mean == found.half == 0:
+        return found  # the same to the bit
     interval = Interval(found.mean, found.mean - half, found.mean + half, found.samples)
     return interval if tolerance.kind == "difference" else as_share(interval)
+
+
+def _by_view(numbers: Sequence[Judged]) -> list[list[float]]:
+    """Return, by capture, each view's change averaged over its cells and seeds."""
+    found: dict[str, dict[str, list[float]]] = {}
+    for number in numbers:
+        views = found.setdefault(number.key.capture, {})
+        for (view, _), change in changes_of(number).items():
+            views.setdefault(view, []).append(change)
+    return [[fmean(changes) for changes in views.values()] for views in found.values()]
 
 
 def as_share(found: Interval) -> Interval:

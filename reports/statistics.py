@@ -93,6 +93,18 @@ def sample(values: Sequence[float] | Floats, confidence: float = CONFIDENCE) -> 
     return Interval(mean, mean - half, mean + half, array.size)
 
 
+def stratified(strata: Sequence[Sequence[float]], confidence: float = CONFIDENCE) -> Interval:
+    """Student's interval of the mean of all values; only what differs within a stratum is noise."""
+    values = np.concatenate([np.asarray(stratum, dtype=np.float64) for stratum in strata])
+    mean = float(values.mean())
+    freedom = values.size - len(strata)
+    if freedom < 1:
+        return Interval(mean, -np.inf, np.inf, values.size)
+    squares = sum(float(((s - np.mean(s)) ** 2).sum()) for s in map(np.asarray, strata))
+    half = quantile(freedom, confidence) * float(np.sqrt(squares / freedom / values.size))
+    return Interval(mean, mean - half, mean + half, values.size)
+
+
 def known_spread(
     values: Sequence[float] | Floats, deviation: float, confidence: float = CONFIDENCE
 ) -> Interval:

@@ -56,3 +56,23 @@ def test_intervals_cover_at_least_as_often_as_they_say(views: int, seeds: int) -
 def test_a_known_spread_gives_the_normal_interval() -> None:
     found = statistics.known_spread([0.0, 0.2], 0.1, 0.95)
     assert found.half == pytest.approx(1.959964 * 0.1 / np.sqrt(2), rel=1e-5)
+
+
+def test_what_strata_differ_by_is_no_noise() -> None:
+    found = statistics.stratified([[1.0, 1.2, 0.8], [5.0, 5.2, 4.8]], 0.95)
+    assert found.mean == pytest.approx(3)
+    assert found.samples == 6
+    assert found.half == pytest.approx(2.776445 * 0.2 / np.sqrt(6), rel=1e-5), "t with 4 freedoms"
+    alone = statistics.stratified([[0.1, 0.3]], 0.95)
+    assert alone.half == pytest.approx(statistics.sample([0.1, 0.3], 0.95).half)
+    assert statistics.stratified([[1.0], [2.0]]).half == np.inf
+
+
+def test_stratified_intervals_cover_as_often_as_they_say() -> None:
+    rng = np.random.default_rng(5)
+    offsets, trials = np.array([-1.0, 0.0, 1.0]), 1000
+    hits = 0
+    for _ in range(trials):
+        found = statistics.stratified(list(rng.normal(0, 0.3, (3, 6)) + offsets[:, None]), 0.95)
+        hits += found.low <= 0 <= found.high
+    assert 0.93 < hits / trials < 0.97

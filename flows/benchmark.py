@@ -19,7 +19,7 @@ from reports import formats
 from reports.build import build
 from reports.side_tables import all_tables
 from tasks import prefect_tasks as run
-from tasks.record import record_summary
+from tasks.record import promoted, record_summary
 from tasks.registry_live import Expected, following
 from tasks.row import Outcome, Row, make_row, running_row, settings
 from tasks.stage import Artifact, Cell, Place
@@ -71,6 +71,7 @@ def benchmark(config: BenchmarkConfig, out: Path, tracking_uri: str) -> Path:
         out / "benchmarks" / config.name,
         title=f"Benchmark {config.name}",
         artifacts_root=place.store,
+        baselines=promoted(tracking_uri, config.name),
     )
     record_summary(place, tracking_uri, config.name, rows, path.parent)
     _show(config.name, rows)

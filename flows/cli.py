@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from flows import cli_gate, cli_operate
+from flows import cli_gate, cli_operate, cli_results
 from mattgs_ops.errors import InputError, MattgsError
 
 EXIT_FAILED, EXIT_INPUT, EXIT_EXPERIMENTS, EXIT_INTERRUPTED = 1, 2, 3, 130
@@ -131,6 +131,7 @@ def ui(
 
 cli_gate.register(app)
 cli_operate.register(app)
+cli_results.register(app)
 
 captures_app = typer.Typer(help="Captures that come with the project.", no_args_is_help=True)
 app.add_typer(captures_app, name="captures")

@@ -4,7 +4,7 @@ import tempfile
 from pathlib import Path
 
 from flows import embedded
-from tasks import registry_summary
+from tasks import registry_promotion, registry_summary
 
 
 def rebuild_report(benchmark: str, out: Path) -> Path:
@@ -24,4 +24,5 @@ def rebuild_report(benchmark: str, out: Path) -> Path:
             out / "benchmarks" / benchmark,
             title=f"Benchmark {benchmark}",
             artifacts_root=registry_summary.fetch(tracking, rows, Path(folder)),
+            baselines=registry_promotion.aliased_rows(tracking, benchmark),
         )

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from reports import figures, formats, page, photo_figures, pictures, verdict
+from reports import figures, formats, page, photo_figures, pictures, promoted, verdict
 from reports.figures import Saved
 from reports.formats import Table
 from reports.pictures import Gallery
@@ -26,21 +26,25 @@ def build(
     title: str,
     artifacts_root: Path | None,
     summary: Mapping[str, Any] | None = None,
+    baselines: Sequence[Row] = (),
 ) -> Path:
     """Write the report of ``rows`` into ``out`` and return the path of ``report.html``.
 
     ``artifacts_root`` is the folder that rows' artifacts are relative to; without it (or where an
     artifact is not on this disk) the pictures are left out and listed as missing. ``summary`` is
-    printed under the title as label and value. Raises :class:`InputError` for rows that do not
+    printed under the title as label and value. ``baselines`` are the rows of the promoted runs,
+    which are marked and compared with. Raises :class:`InputError` for rows that do not
     say which cell they belong to.
     """
+    rows = promoted.mark(rows, baselines)
     wrong = problems(rows)
     good = refused(rows)
     mine = cells(good)
     out.mkdir(parents=True, exist_ok=True)
     ordered = [row for cell in mine for row in cell.rows]
     _write(out / "rows.json", json.dumps(ordered, indent=1, sort_keys=True, allow_nan=False) + "\n")
-    tables = all_tables(good)
+    against = promoted.promoted_table(good, baselines)
+    tables = [*all_tables(good), *([] if against is None else [against])]
     for table in tables:
         for suffix, form in FORMATS.items():
             _write(out / "tables" / f"{table.slug}.{suffix}", form(table))

@@ -199,6 +199,8 @@ _LATEX = {
     "²": r"\textsuperscript{2}",
     "σ": r"$\sigma$",
     "λ": r"$\lambda$",
+    "Δ": r"$\Delta$",
+    "★": r"$\star$",
 }
 
 

@@ -30,6 +30,7 @@ from reports.rows import (
 )
 
 HOLE = Entry("–")
+PROMOTED = " ★"  # on lines that hold a promoted run
 MARKS = "abcdefghijklmnopqrstuvwxyz"
 
 
@@ -177,7 +178,8 @@ def lines_of(
             for i, e in enumerate(entries)
         ]
         runs = tuple(str(row["run_id"]) for row in cell.rows if row.get("run_id"))
-        lines.append(Line(label(cell), tuple(marked), runs, _hole_mark(cell, holes)))
+        star = PROMOTED if any(row.get("promoted") for row in cell.rows) else ""
+        lines.append(Line(label(cell), tuple(marked), runs, star + _hole_mark(cell, holes)))
     return lines
 
 
@@ -240,6 +242,11 @@ def _protocol_notes(mine: Sequence[Cell]) -> list[str]:
     return notes
 
 
+def _promoted_note(groups: Sequence[Group]) -> list[str]:
+    marked = any(PROMOTED in line.marks for group in groups for line in group.lines)
+    return ["★ promoted: the baseline of its cell."] if marked else []
+
+
 def make_table(
     slug: str,
     title: str,
@@ -251,7 +258,8 @@ def make_table(
     """Make a table whose headings and keys are those of its columns."""
     heads = tuple(column.heading for column in shown)
     keys = tuple(column.key for column in shown)
-    return Table(slug, title, heads, keys, tuple(groups), tuple(notes), first)
+    told = (*notes, *_promoted_note(groups))
+    return Table(slug, title, heads, keys, tuple(groups), told, first)
 
 
 def _slug(name: str) -> str:

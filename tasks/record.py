@@ -8,7 +8,7 @@ from typing import Any
 
 from mattgs_ops.scene import Scene
 from mattgs_ops.scene_example import example
-from tasks import registry, registry_summary
+from tasks import registry, registry_promotion, registry_summary
 from tasks.registry_live import CURVE_FILE, read_curve
 from tasks.row import Row
 from tasks.stage import KEY_LETTERS, Artifact, Place, slug
@@ -78,6 +78,16 @@ def record_summary(
     except Exception as error:  # whatever MLflow, its database or its server raise
         text = "the summary of %s was not logged to MLflow: %s"
         logging.getLogger("mattgs").warning(text, benchmark, error)
+
+
+def promoted(tracking_uri: str, benchmark: str) -> list[Row]:
+    """Return the rows of a benchmark's promoted baselines; none where the registry failed."""
+    try:
+        return registry_promotion.aliased_rows(tracking_uri, benchmark)
+    except Exception as error:  # whatever MLflow, its database or its server raise
+        text = "the baselines of %s could not be read from MLflow: %s"
+        logging.getLogger("mattgs").warning(text, benchmark, error)
+        return []
 
 
 def _curve(place: Place, artifacts: dict[str, Artifact]) -> list[dict[str, float]]:

@@ -15,6 +15,7 @@ DEFAULT_OUT = Path("mattgs-out")
 def register(app: typer.Typer) -> None:
     """Add the commands to the command line."""
     app.command()(clean)
+    app.command()(serve)
 
 
 def clean(
@@ -34,3 +35,19 @@ def clean(
     from flows.clean import clean_up
 
     typer.echo(clean_up(out.resolve(), unused_hours=unused_for, dry_run=dry_run))
+
+
+def serve(
+    schedules: Annotated[
+        list[str] | None, typer.Argument(help="For example grid/nightly; by default all.")
+    ] = None,
+    port: Annotated[int, typer.Option(help="Port of the Prefect server on this machine.")] = 4200,
+    out: Out = DEFAULT_OUT,
+) -> None:
+    """Run the nightly and weekly grids and the gate when they are due, until Ctrl-C.
+
+    Starts a Prefect server with its web interface, unless PREFECT_API_URL names one.
+    """
+    from flows import serve as serving
+
+    serving.serve(out.resolve(), port, schedules or [])

@@ -54,7 +54,10 @@ def quieten(out: Path) -> None:
     """
     for key, value in QUIET.items():
         os.environ.setdefault(key, value)
-    os.environ.setdefault("PREFECT_HOME", str(out / "prefect" / "client"))
+    if "PREFECT_HOME" not in os.environ:
+        home = out / "prefect" / "client"
+        home.mkdir(parents=True, exist_ok=True)  # Prefect warns where its parent is missing
+        os.environ["PREFECT_HOME"] = str(home)
 
 
 class Starting:

@@ -51,7 +51,7 @@ class PrefectServer:
     def wait(self) -> None:
         """Return once the API answers; raises :class:`StageError` when it does not start."""
         url = self.address()
-        self._wait_for(lambda: _healthy(url))
+        self._wait_for(lambda: healthy(url))
 
     def _wait_for(self, happened: Callable[[], bool]) -> None:
         end = time.monotonic() + START_SECONDS
@@ -70,7 +70,8 @@ class PrefectServer:
             self._process.wait()
 
 
-def _healthy(url: str) -> bool:
+def healthy(url: str) -> bool:
+    """Whether a Prefect server answers at an API's address."""
     try:
         with urllib.request.urlopen(f"{url}/health", timeout=10) as answer:
             return bool(answer.status == 200)

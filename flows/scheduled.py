@@ -1,0 +1,131 @@
+"""What runs on a schedule: a grid, the segmenter's training, the gate; each as a Prefect flow.
+
+``prefect.yaml`` deploys them to a work pool, ``mattgs serve`` serves the same list from one
+process. Relative paths are taken from the folder that the worker or server was started in.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from prefect import Flow, flow
+from prefect.artifacts import create_link_artifact, create_markdown_artifact
+
+from mattgs_ops.errors import MattgsError
+
+DEFAULT_OUT = Path("mattgs-out")
+
+
+class GateError(MattgsError):
+    """The gate did not pass."""
+
+
+@flow(name="grid", flow_run_name="grid {name}", persist_result=False)
+def grid(
+    name: str,
+    config: Path | None = None,
+    iterations: int | None = None,
+    resolution: int | None = None,
+    seeds: tuple[int, ...] | None = None,
+    conditions: tuple[str, ...] | None = None,
+    out: Path = DEFAULT_OUT,
+) -> None:
+    """Run a benchmark as ``mattgs run`` does; ``config`` is a TOML file, the others override it.
+
+    Ends as failed when an experiment has failed.
+    """
+    from flows.options import benchmark_config
+    from flows.run import run_benchmark
+
+    given = {"iterations": iterations, "resolution": resolution, "seeds": seeds}
+    merged = benchmark_config(config, {"name": name, "conditions": conditions, **given})
+    complete = run_benchmark(merged, out.resolve())
+    report = out.resolve() / "benchmarks" / name / "report.html"
+    create_link_artifact(report.as_uri(), key="report", link_text=str(report))
+    if not complete:
+        raise MattgsError(f"some experiments failed; report: {report}")
+
+
+@flow(name="segmenter", flow_run_name="train segmenter", persist_result=False)
+def segmenter(folder: Path, config: Path | None = None) -> None:
+    """Train U²-Net as ``mattgs segment train`` does; an interrupted training goes on."""
+    from mattgs_ops.segment.train import train
+    from mattgs_ops.segment.train_config import SegmentTrainConfig, load_train_config
+
+    settings = SegmentTrainConfig() if config is None else load_train_config(config)
+    train(settings, folder.resolve())
+
+
+@flow(name="gate", flow_run_name="gate {benchmark}", persist_result=False)
+def gate(benchmark: str, baseline: str, out: Path = DEFAULT_OUT) -> None:
+    """Compare a recorded benchmark with a baseline; ends as failed unless the gate passes."""
+    from flows.judge import judge
+
+    text, code = judge(out.resolve(), benchmark, baseline)
+    create_markdown_artifact(f"```\n{text}\n```", key="gate", description=f"Gate of {benchmark}")
+    if code != 0:
+        raise GateError(f"the gate of {benchmark} did not pass (exit code {code}):\n{text}")
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """One deployment: a flow, when it runs (cron, UTC; None: when asked for), and with what."""
+
+    flow: Flow[..., None]
+    name: str
+    cron: str | None
+    description: str
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+
+
+SCHEDULES = (
+    Schedule(
+        grid,
+        "nightly",
+        "0 1 * * *",
+        "The bundled captures at the quick setting",
+        {"name": "nightly"},
+    ),
+    Schedule(
+        gate,
+        "nightly",
+        "0 7 * * *",
+        "Last night's numbers against the baseline",
+        {"benchmark": "nightly", "baseline": "baseline.json"},
+    ),
+    Schedule(
+        grid,
+        "weekly",
+        "0 8 * * 6",
+        "The paper's 30,000 iterations",
+        {"name": "weekly", "iterations": 30_000, "resolution": 640},
+    ),
+    Schedule(
+        segmenter,
+        "training",
+        None,
+        "U²-Net anew, when asked for",
+        {"folder": "mattgs-out/segmenter"},
+    ),
+)
+
+
+def serve_all(names: frozenset[str], out: Path) -> None:
+    """Serve the schedules called ``FLOW/NAME`` in ``names``, or all, until Ctrl-C."""
+    from prefect import serve
+    from prefect.deployments.runner import RunnerDeployment
+
+    deployments = [
+        RunnerDeployment.from_flow(
+            s.flow,
+            s.name,
+            cron=s.cron,
+            parameters={**s.parameters, **({} if s.flow is segmenter else {"out": str(out)})},
+            description=s.description,
+        )
+        for s in SCHEDULES
+        if not names or f"{s.flow.name}/{s.name}" in names
+    ]
+    # one at a time: two grids at once would only slow each other down
+    serve(*deployments, limit=1, print_starting_message=False)

@@ -1,0 +1,62 @@
+"""Splats as formats store them: activated, normalised, in float64 NumPy arrays."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mattgs_ops.splat.gaussians import Splats
+
+SH_CONSTANT = 0.28209479177387814  # Y_0^0 = 1 / (2 √π)
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Activated:
+    """N splats; ``colour`` is the constant term, 0.5 + Y₀₀ · dc, not clamped."""
+
+    means: Floats  # [N, 3]
+    log_scales: Floats  # [N, 3]
+    quaternions: Floats  # [N, 4] wxyz, of unit length, w ≥ 0
+    alpha: Floats  # [N] in (0, 1)
+    colour: Floats  # [N, 3]
+    sh_dc: Floats  # [N, 3]
+    sh_rest: Floats  # [N, 15, 3]
+
+    def take(self, order: NDArray[np.int64]) -> "Activated":
+        """Return the splats at these places."""
+        return Activated(**{name: values[order] for name, values in vars(self).items()})
+
+
+def activated(splats: Splats) -> Activated:
+    """Return what the parameters stand for; a quaternion of length zero means no rotation."""
+    raw = {name: tensor.detach().numpy().astype(np.float64) for name, tensor in splats.items()}
+    quaternions = raw["quaternions"]
+    length = np.linalg.norm(quaternions, axis=1, keepdims=True)
+    unit = np.where(length > 0, quaternions / np.maximum(length, 1e-30), [1.0, 0.0, 0.0, 0.0])
+    return Activated(
+        means=raw["means"],
+        log_scales=raw["log_scales"],
+        quaternions=unit * np.where(unit[:, :1] < 0, -1.0, 1.0),
+        alpha=1 / (1 + np.exp(-np.clip(raw["opacity_logits"], -60, 60))),
+        colour=0.5 + SH_CONSTANT * raw["sh_dc"],
+        sh_dc=raw["sh_dc"],
+        sh_rest=raw["sh_rest"],
+    )
+
+
+def levels(values: Floats, top: int) -> Floats:
+    """Round to whole levels 0 … ``top``; what lies outside goes to the nearest end."""
+    out: Floats = np.clip(np.floor(values + 0.5), 0, top)
+    return out
+
+
+def write_whole(path: Path, *parts: bytes) -> None:
+    """Write a file that appears whole or not at all."""
+    partial = path.with_name(path.name + ".part")
+    with partial.open("wb") as file:
+        for part in parts:
+            file.write(part)
+    partial.replace(path)

@@ -9,15 +9,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from prefect import flow
-from prefect.artifacts import create_markdown_artifact
 from prefect.futures import PrefectFuture
 
 from flows.grid import cells
+from flows.prefect_artifacts import ShownProgress, show_results
 from mattgs_ops.config import BenchmarkConfig, CaptureConfig
 from mattgs_ops.errors import MattgsError
-from reports import formats
 from reports.build import build
-from reports.side_tables import all_tables
 from tasks import prefect_tasks as run
 from tasks.record import promoted, record_summary
 from tasks.registry_live import Expected, following
@@ -59,11 +57,13 @@ def benchmark(config: BenchmarkConfig, out: Path, tracking_uri: str) -> Path:
     """
     place = Place(out, config.name, config.run)
     chains = [chain for capture in config.captures for chain in _submit(place, capture, config)]
-    outcomes = []
+    outcomes: list[Outcome] = []
+    shown = ShownProgress(config.name, len(chains))
     with following(place, tracking_uri, _expected(place, config, chains)):
         for chain in chains:
             outcomes.append(_wait(place, chain))
             _record(place, config, tracking_uri, outcomes[-1], {}, final=False)
+            shown.show(len(outcomes), sum(outcome.reason is not None for outcome in outcomes))
     outcomes, speeds = _measure(place, outcomes, config)
     rows = [_record(place, config, tracking_uri, o, speeds, final=True) for o in outcomes]
     path = build(
@@ -74,7 +74,7 @@ def benchmark(config: BenchmarkConfig, out: Path, tracking_uri: str) -> Path:
         baselines=promoted(tracking_uri, config.name),
     )
     record_summary(place, tracking_uri, config.name, rows, path.parent)
-    _show(config.name, rows)
+    show_results(config.name, rows, path)
     failed = [row for row in rows if row["status"] == "failed"]
     if failed:
         raise ExperimentsFailedError(len(failed), len(rows), path)
@@ -163,10 +163,3 @@ def _record(
     row = make_row(place, config, outcome, speeds.get(outcome.cell, {}))
     known = settings(config, outcome.cell)
     return run.record(place, tracking_uri, row, known, outcome.artifacts, final=final)
-
-
-def _show(name: str, rows: list[Row]) -> None:
-    """Put the tables where Prefect's interface shows them."""
-    text = "\n\n".join(formats.markdown(table) for table in all_tables(rows))
-    key = "".join(letter if letter.isalnum() else "-" for letter in name.lower()).strip("-")
-    create_markdown_artifact(text, key=f"tables-{key}", description=f"Tables of {name}")

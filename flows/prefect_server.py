@@ -4,16 +4,23 @@ Prefect's own ephemeral server outlives a killed flow; this one does not. The ch
 ``python -m flows.prefect_server URL_FILE PARENT_PID``: it takes a free port, writes its API address
 to ``URL_FILE`` and serves Prefect's application, without user interface and background services.
 Its database lies in ``PREFECT_HOME``; each home is used by one server at a time.
+
+Making the database's tables takes as long as all the rest of the start. So the first fresh database
+is kept, still empty, in the user's cache folder, and later ones are copies of it.
 """
 
 import os
+import shutil
 import socket
+import sqlite3
 import subprocess
 import sys
 import time
 import urllib.error
 import urllib.request
 from collections.abc import Callable
+from contextlib import closing, suppress
+from importlib.metadata import version
 from pathlib import Path
 
 from mattgs_ops.errors import StageError
@@ -30,6 +37,8 @@ class PrefectServer:
         home.mkdir(parents=True, exist_ok=True)
         log.parent.mkdir(parents=True, exist_ok=True)
         self._log = log
+        self._database = home / "prefect.db"
+        self._fresh = not self._database.exists() and not _copied(self._database)
         self._address = home / "server.url"
         self._address.unlink(missing_ok=True)
         command = [sys.executable, "-m", "flows.prefect_server"]
@@ -52,6 +61,8 @@ class PrefectServer:
         """Return once the API answers; raises :class:`StageError` when it does not start."""
         url = self.address()
         self._wait_for(lambda: healthy(url))
+        if self._fresh:
+            _keep(self._database)
 
     def _wait_for(self, happened: Callable[[], bool]) -> None:
         end = time.monotonic() + START_SECONDS
@@ -68,6 +79,38 @@ class PrefectServer:
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
+
+
+def _template() -> Path:
+    """Return where an empty database of the installed version is kept."""
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return cache / "mattgs" / f"prefect-{version('prefect')}.db"
+
+
+def _copied(database: Path) -> bool:
+    """Start from the kept database; False when there is none."""
+    part = database.with_suffix(".part")
+    try:
+        shutil.copyfile(_template(), part)
+        part.replace(database)
+    except OSError:
+        part.unlink(missing_ok=True)
+        return False
+    return True
+
+
+def _keep(database: Path) -> None:
+    """Keep a database that nothing has been written to yet; without the right to, do nothing."""
+    template = _template()
+    part = template.with_suffix(f".{os.getpid()}")
+    try:
+        template.parent.mkdir(parents=True, exist_ok=True)
+        with closing(sqlite3.connect(database)) as source, closing(sqlite3.connect(part)) as target:
+            source.backup(target)
+        part.replace(template)
+    except (OSError, sqlite3.Error):
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
 
 
 def healthy(url: str) -> bool:

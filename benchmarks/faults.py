@@ -1,0 +1,391 @@
+"""Faults on purpose: what survives a kill, a full disk, a damaged file, a second flow.
+
+Runs a small real benchmark once without faults, then once per fault, each followed by a plain rerun
+of the same command, and prints a Markdown table. A fault is survived when the rerun ends well, the
+splats are the same bytes as without the fault, rows and MLflow hold each experiment once, nothing
+half-written lay in the store, and no process is left over.
+
+    python benchmarks/faults.py [--folder DIR] [--only NAME…]
+
+One Prefect server serves most runs, to save time; the faults that need it start their own. The
+fault `a full disk` needs the right to mount a tmpfs.
+"""
+
+import argparse
+import hashlib
+import json
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import psutil
+from PIL import Image
+
+import mattgs_ops
+from flows.prefect_server import PrefectServer
+from mattgs_ops.store import Store
+from tasks import registry
+
+PHOTOS = Path(mattgs_ops.__file__).parent / "bundled" / "lattepanda" / "images"
+VIEWS = 8
+SETTINGS = """
+name = "faults"
+iterations = 600
+resolution = 64
+conditions = ["nobg-3dgs", "nobg-ours"]
+[[captures]]
+name = "board"
+path = "photos"
+[segment]
+source = "none"
+[sfm]
+max_features = 1500
+[train]
+checkpoint_every = 50
+max_splats = 2500
+[run]
+workers = 1
+"""
+EXPERIMENTS = 2
+SETTLE_SECONDS = 15.0  # for what the kernel and Dask clean up after a kill
+HANG_SECONDS = 240.0  # a run that takes longer than this hangs
+TMPFS = "3m"  # holds the scene, neither the trainings nor the database
+READY = ("prepare", "segment", "sfm")  # stages done before the fault
+
+
+class Trial:
+    """One output folder, with what comes before training already done."""
+
+    def __init__(self, folder: Path, name: str, done_before: Path | None) -> None:
+        self.folder = folder
+        self.out = folder / name.replace(" ", "-")
+        self.options: list[str] = []
+        self.children: list[psutil.Process] = []
+        self.embedded = False  # whether the run starts a Prefect server of its own
+        for stage in READY if done_before is not None else ():
+            shutil.copytree(done_before / "store" / stage, self.out / "store" / stage)
+        if done_before is not None:
+            shutil.copy(folder / "mlflow.db", self.out)
+
+    def start(self) -> "subprocess.Popen[str]":
+        """Start the benchmark; its machine-wide locks are this trial's own."""
+        command = [sys.executable, "-m", "flows.cli", "run", "--out", str(self.out)]
+        settings = ["--config", str(self.folder / "faults.toml")]
+        return subprocess.Popen(
+            [*command, *settings, *self.options],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env=self.environment(),
+            start_new_session=True,
+        )
+
+    def environment(self) -> dict[str, str]:
+        """Return variables of a run, without the shared Prefect server when it starts its own."""
+        kept = {k: v for k, v in os.environ.items() if k != "PREFECT_API_URL" or not self.embedded}
+        return kept | {"TMPDIR": str(self.folder)}
+
+    def end(self, flow: "subprocess.Popen[str]") -> int:
+        """Wait for a run's end and return its exit code; what it said goes to a file."""
+        try:
+            told, _ = flow.communicate(timeout=HANG_SECONDS)
+        except subprocess.TimeoutExpired as error:
+            flow.kill()
+            raise RuntimeError("the run hangs") from error
+        with (self.folder / "told.txt").open("a", encoding="utf-8") as file:
+            file.write(f"--- {self.out.name}: exit {flow.returncode}\n{told}\n")
+        return flow.returncode
+
+    def run(self) -> int:
+        """Run the benchmark to its end; return its exit code."""
+        return self.end(self.start())
+
+    def wait_for_checkpoint(self, flow: "subprocess.Popen[str]") -> None:
+        """Return in the middle of a training; note the flow's processes."""
+        end = time.monotonic() + HANG_SECONDS
+        while not list(self.out.glob("store/work/train-*/files/checkpoint.npz")):
+            if time.monotonic() > end or flow.poll() is not None:
+                raise RuntimeError("no checkpoint appeared")
+            time.sleep(0.01)
+        self.children = psutil.Process(flow.pid).children(recursive=True)
+
+    def process(self, word: str) -> psutil.Process:
+        """Return a process of the flow whose command line holds ``word``."""
+        for child in self.children:
+            if word in " ".join(child.cmdline()):
+                return child
+        raise RuntimeError(f"no process with {word!r}")
+
+    def survivors(self) -> int:
+        """Count the flow's processes that are still there after a while."""
+        _, alive = psutil.wait_procs(self.children, timeout=SETTLE_SECONDS)
+        return len(alive)
+
+    def damaged(self) -> int:
+        """Count what lies in the store as finished without being what its manifest says."""
+        store = Store(self.out / "store")
+        stages = [p for p in store.root.glob("*") if p.name not in ("work", "locks", "users")]
+        keys = [f"{stage.name}/{place.name}" for stage in stages for place in stage.iterdir()]
+        return sum(store.find(key) is None for key in keys)
+
+    def splats(self) -> dict[str, str]:
+        """Return condition → digest of its splats."""
+        rows = json.loads((self.out / "benchmarks/faults/rows.json").read_text(encoding="utf-8"))
+        files = {r["condition"]: r["artifacts"]["train"] for r in rows if r["status"] == "finished"}
+        return {
+            name: hashlib.sha256(
+                (self.out / "store" / place / "splats.ply").read_bytes()
+            ).hexdigest()
+            for name, place in files.items()
+        }
+
+    def resumed(self) -> str:
+        """Return the steps that trainings were resumed from."""
+        files = sorted(self.out.glob("store/train/*/files/training.json"))
+        steps = [json.loads(path.read_text(encoding="utf-8"))["resumed_from"] for path in files]
+        return ", ".join(str(step) for step in steps if step) or "-"
+
+    def runs(self) -> int:
+        """Count the runs in MLflow."""
+        return len(registry.rows(f"sqlite:///{self.out / 'mlflow.db'}", "faults"))
+
+
+def kill_flow(trial: Trial) -> str:
+    """End the flow's process, in which the embedded scheduler lives too."""
+    trial.embedded = True
+    return _signalled(trial, signal.SIGKILL)
+
+
+def terminate_flow(trial: Trial) -> str:
+    """End the flow as a machine does that shuts down."""
+    return _signalled(trial, signal.SIGTERM)
+
+
+def interrupt_flow(trial: Trial) -> str:
+    """End the flow as a person does."""
+    return _signalled(trial, signal.SIGINT)
+
+
+def _signalled(trial: Trial, number: signal.Signals) -> str:
+    flow = trial.start()
+    trial.wait_for_checkpoint(flow)
+    flow.send_signal(number)
+    return f"exit {trial.end(flow)}"
+
+
+def kill_training(trial: Trial) -> str:
+    """End a training's own process."""
+    return _killed(trial, lambda: trial.process("tasks.stage_process"))
+
+
+def kill_worker(trial: Trial) -> str:
+    """End the Dask worker that has a training below it."""
+    return _killed(trial, lambda: trial.process("tasks.stage_process").parent())
+
+
+def kill_server(trial: Trial) -> str:
+    """End the embedded Prefect server."""
+    trial.embedded = True
+    return _killed(trial, lambda: trial.process("flows.prefect_server"))
+
+
+def _killed(trial: Trial, victim: Callable[[], psutil.Process | None]) -> str:
+    flow = trial.start()
+    trial.wait_for_checkpoint(flow)
+    process = victim()
+    assert process is not None
+    process.kill()
+    return f"exit {trial.end(flow)}"
+
+
+def kill_scheduler(trial: Trial) -> str:
+    """End a scheduler of its own process; the rerun finds another at the same address."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
+    trial.options = ["--dask-scheduler", address]
+    with dask_cluster(address, trial) as scheduler:
+        flow = trial.start()
+        trial.wait_for_checkpoint(flow)
+        trial.children += psutil.Process().children(recursive=True)
+        trial.children = [p for p in set(trial.children) if p.pid != flow.pid]
+        scheduler.kill()
+        code = trial.end(flow)
+    trial.options = []  # the plain command again, with a cluster of its own
+    return f"exit {code}"
+
+
+@contextmanager
+def dask_cluster(address: str, trial: Trial) -> Iterator[psutil.Process]:
+    """Start a scheduler and a worker as an administrator would; yield the scheduler."""
+    dask = [sys.executable, "-m", "dask"]
+    port = address.rpartition(":")[2]
+    scheduler = [*dask, "scheduler", "--host", "127.0.0.1", "--port", port, "--no-dashboard"]
+    worker = [*dask, "worker", address, "--nthreads", "1", "--no-dashboard"]
+    worker += ["--local-directory", str(trial.folder / "dask"), "--death-timeout", "20"]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    environment = os.environ | {"TMPDIR": str(trial.folder)}
+    started = [
+        subprocess.Popen(command, env=environment, **quiet) for command in (scheduler, worker)
+    ]
+    try:
+        _wait_for_workers(address)
+        yield psutil.Process(started[0].pid)
+    finally:
+        for process in started:
+            process.terminate()
+            process.wait()
+
+
+def _wait_for_workers(address: str) -> None:
+    from distributed import Client
+
+    with Client(address, timeout=60, set_as_default=False) as client:
+        client.wait_for_workers(1, timeout=60)
+
+
+def truncate_artifact(trial: Trial) -> str:
+    """Cut a finished file."""
+    code = trial.run()
+    path = _splats_file(trial)
+    os.truncate(path, path.stat().st_size // 2)
+    return f"exit {code}"
+
+
+def corrupt_artifact(trial: Trial) -> str:
+    """Change some bytes of a finished file."""
+    code = trial.run()
+    path = _splats_file(trial)
+    with path.open("r+b") as file:
+        file.seek(path.stat().st_size // 2)
+        file.write(b"\xff\xfe\xfd")
+    return f"exit {code}"
+
+
+def _splats_file(trial: Trial) -> Path:
+    return next(iter(trial.out.glob("store/train/*/files/splats.ply")))
+
+
+def corrupt_manifest(trial: Trial) -> str:
+    """Cut the manifests of the finished scores."""
+    code = trial.run()
+    for path in trial.out.glob("store/evaluate/*/manifest.json"):
+        path.write_text("{", encoding="utf-8")
+    return f"exit {code}"
+
+
+def two_flows(trial: Trial) -> str:
+    """Start the same benchmark twice at once."""
+    flows = [trial.start(), trial.start()]
+    return f"exit {' and '.join(str(trial.end(flow)) for flow in flows)}"
+
+
+def full_disk(trial: Trial) -> str:
+    """Run on a small tmpfs, then make room; unmounted by the caller."""
+    before = trial.out.with_name("full-disk-before")
+    trial.out.rename(before)
+    trial.out.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", f"size={TMPFS}", "tmpfs", str(trial.out)]
+    subprocess.run(mount, check=True, capture_output=True)
+    shutil.copytree(before / "store", trial.out / "store")
+    code = trial.run()
+    subprocess.run(["mount", "-o", "remount,size=1g", str(trial.out)], check=True)
+    return f"exit {code}"
+
+
+FAULTS: dict[str, Callable[[Trial], str]] = {
+    "SIGKILL to the flow": kill_flow,
+    "SIGTERM to the flow": terminate_flow,
+    "Ctrl-C": interrupt_flow,
+    "SIGKILL to a Dask worker": kill_worker,
+    "SIGKILL to a Dask scheduler": kill_scheduler,
+    "SIGKILL to a training": kill_training,
+    "SIGKILL to the Prefect server": kill_server,
+    "a truncated artifact": truncate_artifact,
+    "a changed artifact": corrupt_artifact,
+    "broken manifests": corrupt_manifest,
+    "two flows at once": two_flows,
+    "a full disk": full_disk,
+}
+DAMAGES = {truncate_artifact: 1, corrupt_artifact: 1, corrupt_manifest: EXPERIMENTS}
+
+
+def main() -> None:
+    """Try every fault and print the table; exit code 1 when one was not survived."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--folder", type=Path, help="work here; by default a temporary folder")
+    parser.add_argument("--only", nargs="*", default=list(FAULTS), choices=list(FAULTS))
+    options = parser.parse_args()
+    folder = (options.folder or Path(tempfile.mkdtemp(prefix="mattgs-faults-"))).resolve()
+    with shared_services(folder):
+        sys.exit(0 if try_all(folder, options.only) else 1)
+
+
+@contextmanager
+def shared_services(folder: Path) -> Iterator[None]:
+    """Start what every run would start anew: a Prefect server; and make an empty registry."""
+    server = PrefectServer(folder / "prefect", folder / "prefect.log")
+    try:
+        registry.initialise(f"sqlite:///{folder / 'mlflow.db'}")
+        server.wait()
+        os.environ["PREFECT_API_URL"] = server.address()
+        yield
+    finally:
+        server.stop()
+
+
+def try_all(folder: Path, names: list[str]) -> bool:
+    """Try faults one after another; return whether all were survived."""
+    (folder / "photos").mkdir(parents=True, exist_ok=True)
+    for path in sorted(PHOTOS.glob("*.jpg"))[:VIEWS]:
+        with Image.open(path) as photo:
+            photo.resize((480, 360)).save(folder / "photos" / path.name, quality=95)
+    (folder / "faults.toml").write_text(SETTINGS, encoding="utf-8")
+    reference = Trial(folder, "reference", None)
+    began = time.monotonic()
+    if reference.run() != 0:
+        sys.exit(f"the benchmark does not even run without faults: {folder / 'told.txt'}")
+    print(f"Without a fault: {time.monotonic() - began:.0f} s.\n")
+    print(
+        "| fault | the run itself | half-written | processes left | rerun | resumed at step |"
+        " same splats | runs | seconds | survived |"
+    )
+    print("|---|---|--:|--:|---|---|---|--:|--:|---|", flush=True)
+    survived = [attempt(folder, name, reference) for name in names]
+    print(f"\n{len(survived)} faults tried, {sum(survived)} survived.")
+    return all(survived)
+
+
+def attempt(folder: Path, name: str, reference: Trial) -> bool:
+    """Try one fault, print its line, return whether all was well afterwards."""
+    trial, fault, began = Trial(folder, name, reference.out), FAULTS[name], time.monotonic()
+    try:
+        happened = fault(trial)
+        left = trial.survivors()
+        half = trial.damaged() - DAMAGES.get(fault, 0)
+        code = trial.run()
+        same = trial.splats() == reference.splats()
+        runs = trial.runs()
+        resumed = trial.resumed()
+    except (subprocess.CalledProcessError, RuntimeError) as error:
+        print(f"| {name} | {error} | | | | | | | | **no** |", flush=True)
+        return False
+    finally:
+        if os.path.ismount(trial.out):
+            subprocess.run(["umount", "-l", str(trial.out)], check=True)
+    well = code == 0 and same and runs == EXPERIMENTS and left == 0 and half == 0
+    cells = [name, happened, half, left, f"exit {code}", resumed, "yes" if same else "**no**"]
+    cells += [runs, round(time.monotonic() - began), "yes" if well else "**no**"]
+    print(f"| {' | '.join(str(cell) for cell in cells)} |", flush=True)
+    return well
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,185 @@
+"""Schedules shown working: from an empty Prefect server to a finished scheduled run, twice.
+
+First as on a cluster: a work pool, the deployments of `prefect.yaml`, a process worker. Then as on
+one machine: `mattgs serve`. The nightly grid is made tiny and due at once, nothing else is changed.
+
+    python benchmarks/schedules.py [--folder DIR] [--only pool|serve]
+"""
+
+import argparse
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+from PIL import Image
+
+import mattgs_ops
+from flows import embedded
+from flows.prefect_server import healthy
+from flows.serve import server
+
+ROOT = Path(__file__).resolve().parents[1]
+PHOTOS = Path(mattgs_ops.__file__).parent / "bundled" / "lattepanda" / "images"
+VIEWS = 8
+SETTINGS = """
+resolution = 64
+iterations = 20
+conditions = ["nobg-3dgs"]
+[[captures]]
+name = "board"
+path = "photos"
+[segment]
+source = "none"
+[sfm]
+max_features = 1500
+"""
+DEPLOYMENT = "grid/nightly"
+TIMEOUT_SECONDS = 400.0
+SOON = timedelta(seconds=10)
+PORT = 42_711
+
+
+def main() -> None:
+    """Show both ways; exit code 1 when a scheduled run did not finish."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--folder", type=Path, help="work here; by default a temporary folder")
+    parser.add_argument("--only", choices=["pool", "serve"])
+    options = parser.parse_args()
+    folder = (options.folder or Path(tempfile.mkdtemp(prefix="mattgs-schedules-"))).resolve()
+    _write_input(folder)
+    embedded.quieten(folder)
+    os.environ["TMPDIR"] = str(folder)
+    ways = {"pool": with_a_pool, "serve": with_serve}
+    ended = [ways[w](folder / w) for w in ways if options.only in (None, w)]
+    sys.exit(0 if all(state == "COMPLETED" for state in ended) else 1)
+
+
+def _write_input(folder: Path) -> None:
+    (folder / "photos").mkdir(parents=True, exist_ok=True)
+    for path in sorted(PHOTOS.glob("*.jpg"))[:VIEWS]:
+        with Image.open(path) as photo:
+            photo.resize((480, 360)).save(folder / "photos" / path.name, quality=95)
+    (folder / "tiny.toml").write_text(SETTINGS, encoding="utf-8")
+
+
+def with_a_pool(folder: Path) -> str:
+    """Deploy to a work pool and let a worker do what is due; return the run's state."""
+    with server(folder, PORT) as url:
+        os.environ["PREFECT_API_URL"] = url
+        say("an empty Prefect server runs")
+        prefect("work-pool", "create", "--type", "process", "mattgs")
+        prefect("--no-prompt", "deploy", "--all")
+        with _started("-m", "prefect", "worker", "start", "--pool", "mattgs", log=folder):
+            state = _wait_for_scheduled(folder)
+        del os.environ["PREFECT_API_URL"]
+    return state
+
+
+def with_serve(folder: Path) -> str:
+    """Let `mattgs serve` do what is due; return the run's state."""
+    port = PORT + 1
+    folder.mkdir(parents=True, exist_ok=True)
+    say(f"$ mattgs serve --port {port}")
+    command = ("-m", "flows.cli", "serve", "--port", str(port), "--out", str(folder))
+    os.environ.pop("PREFECT_API_URL", None)
+    with _started(*command, log=folder):
+        url = f"http://127.0.0.1:{port}/api"
+        while not healthy(url):
+            time.sleep(0.5)
+        os.environ["PREFECT_API_URL"] = url
+        state = _wait_for_scheduled(folder)
+    del os.environ["PREFECT_API_URL"]
+    return state
+
+
+def prefect(*arguments: str) -> None:
+    """Run a command of Prefect's in the project's folder."""
+    say(f"$ prefect {' '.join(arguments)}")
+    command = [sys.executable, "-m", "prefect", *arguments]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        sys.exit(done.stdout + done.stderr)
+
+
+@contextmanager
+def _started(*arguments: str, log: Path) -> Iterator[None]:
+    with (log / "processes.log").open("ab") as output:
+        process = subprocess.Popen(
+            [sys.executable, *arguments], cwd=ROOT, stdout=output, stderr=output
+        )
+    try:
+        yield
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.wait()
+
+
+def _wait_for_scheduled(folder: Path) -> str:
+    """Make the nightly grid tiny and due soon; return how the run ended that the scheduler made."""
+    from prefect.client.orchestration import get_client
+    from prefect.client.schemas.actions import DeploymentUpdate
+    from prefect.client.schemas.schedules import IntervalSchedule
+    from prefect.settings import PREFECT_API_URL, temporary_settings
+
+    parameters = {"name": "nightly", "config": str(folder.parent / "tiny.toml"), "out": str(folder)}
+    end = time.monotonic() + TIMEOUT_SECONDS
+    with (
+        temporary_settings({PREFECT_API_URL: os.environ["PREFECT_API_URL"]}),
+        get_client(sync_client=True) as client,
+    ):
+        deployment = _found(client, end)
+        say(f"{DEPLOYMENT}: due daily at 01:00 UTC; now tiny, and due in {SOON.seconds} s too")
+        client.update_deployment(deployment.id, DeploymentUpdate(parameters=parameters))
+        schedule = IntervalSchedule(
+            interval=timedelta(days=1), anchor_date=datetime.now(UTC) + SOON
+        )
+        client.create_deployment_schedules(deployment.id, [(schedule, True)])
+        told = ""
+        while time.monotonic() < end:
+            for run in client.read_flow_runs(limit=50):
+                kind = run.state_type.value if run.state_type else ""
+                due = run.expected_start_time and run.expected_start_time < datetime.now(UTC)
+                if run.deployment_id != deployment.id or not (due and run.auto_scheduled):
+                    continue
+                if kind != told:
+                    say(f"scheduled run {run.name!r}: {kind}")
+                    told = kind
+                if kind in ("COMPLETED", "FAILED", "CRASHED", "CANCELLED"):
+                    report = folder / "benchmarks" / "nightly" / "report.html"
+                    say(f"took {run.total_run_time.seconds} s; report: {report.is_file()}")
+                    tasks = sorted(one.name for one in client.read_task_runs(limit=200))
+                    say(f"task runs: {', '.join(tasks)}")
+                    keys = sorted(one.key for one in client.read_artifacts(limit=50) if one.key)
+                    say(f"artifacts: {', '.join(keys)}\n")
+                    return kind
+            time.sleep(1)
+    return "did not end"
+
+
+def _found(client: object, end: float) -> object:
+    """Return the deployment as soon as the server has it."""
+    while True:
+        try:
+            return client.read_deployment_by_name(DEPLOYMENT)  # type: ignore[attr-defined]
+        except Exception:
+            if time.monotonic() > end:
+                raise
+            time.sleep(0.5)
+
+
+def say(text: str) -> None:
+    """Print a line with the time since the program began."""
+    print(f"{time.monotonic() - BEGAN:4.0f} s  {text}", flush=True)
+
+
+BEGAN = time.monotonic()
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,233 @@
+"""A grid on two workers that share nothing but the store, MLflow's, Prefect's and Dask's servers.
+
+Everything runs on this machine, on loopback: an S3 server, an MLflow server, a Prefect server, a
+Dask scheduler and two workers. Each worker has a folder of its own and, where the right to mount is
+given, cannot even see the flow's folder or the other worker's. Prints who did which stage.
+
+    python benchmarks/two_machines.py [--folder DIR]
+"""
+
+import argparse
+import json
+import logging
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+import urllib.request
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+from PIL import Image
+
+import mattgs_ops
+from flows.prefect_server import PrefectServer
+
+PHOTOS = Path(mattgs_ops.__file__).parent / "bundled" / "lattepanda" / "images"
+VIEWS = 8
+SETTINGS = """
+name = "two-machines"
+iterations = 50
+resolution = 64
+conditions = ["nobg-3dgs", "nobg-ours"]
+seeds = [0, 1]
+[[captures]]
+name = "board"
+path = "photos"
+[segment]
+source = "none"
+[sfm]
+max_features = 1500
+"""
+WORKERS = ("worker-a", "worker-b")
+START_SECONDS = 180.0
+BUCKET = "mattgs"
+QUIET = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+
+
+def main() -> None:
+    """Run the grid twice and print what happened; exit code 1 when something is amiss."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--folder", type=Path, help="work here; by default a temporary folder")
+    options = parser.parse_args()
+    folder = (options.folder or Path(tempfile.mkdtemp(prefix="mattgs-two-"))).resolve()
+    _write_input(folder)
+    with ExitStack() as stack:
+        scheduler = stack.enter_context(services(folder))
+        began = time.monotonic()
+        code = _run(folder, scheduler)
+        print(f"Grid of 4 experiments: exit {code}, {time.monotonic() - began:.0f} s\n")
+        ok = code == 0 and _tell(folder)
+        # another machine, that has nothing yet, asks for the same
+        shutil.rmtree(folder / "flow" / "store")
+        began = time.monotonic()
+        code = _run(folder, scheduler)
+        again = json.loads(_rows_file(folder).read_text(encoding="utf-8"))
+        print(f"\nAgain with an empty folder: exit {code}, {time.monotonic() - began:.0f} s,")
+        trained = _count(folder, "train") + len(list((folder / "flow").glob("logs/train-*.log")))
+        print(f"{len(again)} rows, {trained} trainings in all")
+    sys.exit(0 if ok and code == 0 and trained == len(again) else 1)
+
+
+def _write_input(folder: Path) -> None:
+    for name in ("photos", "flow", *WORKERS):
+        (folder / name).mkdir(parents=True, exist_ok=True)
+    for path in sorted(PHOTOS.glob("*.jpg"))[:VIEWS]:
+        with Image.open(path) as photo:
+            photo.resize((480, 360)).save(folder / "photos" / path.name, quality=95)
+    (folder / "grid.toml").write_text(SETTINGS, encoding="utf-8")
+
+
+@contextmanager
+def services(folder: Path) -> Iterator[str]:
+    """Start all servers and both workers; yield the Dask scheduler's address."""
+    with ExitStack() as stack:
+        server = PrefectServer(folder / "prefect", folder / "prefect.log")
+        stack.callback(server.stop)
+        port = free_port()
+        tracking = f"http://127.0.0.1:{port}"
+        mlflow = [sys.executable, "-m", "mlflow", "server", "--workers", "1", "--port", str(port)]
+        mlflow += ["--backend-store-uri", f"sqlite:///{folder / 'mlflow.db'}"]
+        mlflow += ["--artifacts-destination", str(folder / "mlflow-artifacts")]
+        os.environ["MLFLOW_SERVER_ENABLE_JOB_EXECUTION"] = "false"
+        os.environ["MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR"] = "false"
+        stack.enter_context(_process(mlflow, folder))
+        os.environ |= stack.enter_context(object_store())
+        address = f"tcp://127.0.0.1:{free_port()}"
+        dask = [sys.executable, "-m", "dask"]
+        scheduler = [*dask, "scheduler", "--host", "127.0.0.1", "--no-dashboard"]
+        stack.enter_context(_process([*scheduler, "--port", address.rpartition(":")[2]], folder))
+        server.wait()
+        os.environ |= {"PREFECT_API_URL": server.address(), "MLFLOW_TRACKING_URI": tracking}
+        for name in WORKERS:
+            hidden = [folder / other for other in ("flow", "photos", *WORKERS) if other != name]
+            worker = [*dask, "worker", address, "--nthreads", "1", "--no-dashboard"]
+            worker += ["--name", name, "--local-directory", str(folder / name / "dask")]
+            stack.enter_context(_process(_without(hidden, worker), folder / name))
+        _wait_for(f"{tracking}/health")
+        _wait_for_workers(address)
+        yield address
+
+
+@contextmanager
+def object_store() -> Iterator[dict[str, str]]:
+    """Serve S3 with one bucket; yield the variables that lead there."""
+    import fsspec
+    from moto.server import ThreadedMotoServer
+
+    logging.getLogger("werkzeug").setLevel(logging.ERROR)
+    server = ThreadedMotoServer("127.0.0.1", 0, verbose=False)
+    server.start()
+    host, port = server.get_host_and_port()
+    variables = {
+        "AWS_ENDPOINT_URL": f"http://{host}:{port}",
+        "AWS_ACCESS_KEY_ID": "test",
+        "AWS_SECRET_ACCESS_KEY": "test",
+        "AWS_DEFAULT_REGION": "us-east-1",
+    }
+    os.environ |= variables
+    fsspec.filesystem("s3").mkdir(BUCKET)
+    try:
+        yield variables
+    finally:
+        server.stop()
+
+
+def free_port() -> int:
+    """Return a port that nobody uses at the moment."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        return int(free.getsockname()[1])
+
+
+def _without(hidden: list[Path], command: list[str]) -> list[str]:
+    """Return the command such that it sees empty folders in place of ``hidden``, if possible."""
+    try:
+        subprocess.run(["unshare", "--mount", "true"], check=True, **QUIET)
+    except (OSError, subprocess.CalledProcessError):
+        print("(folders are separate, but not hidden: no right to mount)")
+        return command
+    mounts = " && ".join(f"mount -t tmpfs none '{path}'" for path in hidden)
+    return ["unshare", "--mount", "sh", "-c", f'{mounts} && exec "$@"', "sh", *command]
+
+
+@contextmanager
+def _process(command: list[str], folder: Path) -> Iterator[None]:
+    environment = os.environ | {"MATTGS_WORK": str(folder), "TMPDIR": str(folder)}
+    with (folder / "processes.log").open("ab") as log:
+        process = subprocess.Popen(
+            command, env=environment, cwd=folder, stdout=log, stderr=subprocess.STDOUT
+        )
+    try:
+        yield
+    finally:
+        process.terminate()
+        process.wait()
+
+
+def _wait_for(url: str) -> None:
+    end = time.monotonic() + START_SECONDS
+    while True:
+        try:
+            with urllib.request.urlopen(url, timeout=10):
+                return
+        except OSError:
+            if time.monotonic() > end:
+                raise
+            time.sleep(0.2)
+
+
+def _wait_for_workers(address: str) -> None:
+    from distributed import Client
+
+    with Client(address, timeout=START_SECONDS, set_as_default=False) as client:
+        client.wait_for_workers(len(WORKERS), timeout=START_SECONDS)
+
+
+def _run(folder: Path, scheduler: str) -> int:
+    command = [sys.executable, "-m", "flows.cli", "run", "--config", str(folder / "grid.toml")]
+    command += ["--dask-scheduler", scheduler, "--store", f"s3://{BUCKET}/store"]
+    command += ["--out", str(folder / "flow")]
+    environment = os.environ | {"TMPDIR": str(folder / "flow")}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        print(done.stdout, done.stderr)
+    return done.returncode
+
+
+def _tell(folder: Path) -> bool:
+    """Print who did what; return whether each worker trained and each run is in MLflow."""
+    import fsspec
+
+    from tasks import registry
+
+    print("| machine | prepare | segment | sfm | train | evaluate | measure |")
+    print("|---|--:|--:|--:|--:|--:|--:|")
+    stages = ("prepare", "segment", "sfm", "train", "evaluate", "measure")
+    for name in ("flow", *WORKERS):
+        counts = [len(list((folder / name).glob(f"logs/{stage}-*.log"))) for stage in stages]
+        print(f"| {name} | {' | '.join(str(count) for count in counts)} |")
+    files = fsspec.filesystem("s3", use_listings_cache=False)
+    found = files.du(f"{BUCKET}/store", total=False)
+    manifests = sum(path.endswith("/manifest.json") for path in found)
+    runs = registry.rows(os.environ["MLFLOW_TRACKING_URI"], "two-machines")
+    rows = json.loads(_rows_file(folder).read_text(encoding="utf-8"))
+    print(f"\nObject store: {manifests} artifacts, {len(found)} objects, ", end="")
+    print(f"{sum(found.values()) / 1e6:.1f} MB; MLflow: {len(runs)} runs")
+    trained = [len(list((folder / name).glob("logs/train-*.log"))) for name in WORKERS]
+    return all(trained) and sum(trained) == len(rows) == len(runs) == 4
+
+
+def _count(folder: Path, stage: str) -> int:
+    return sum(len(list((folder / name).glob(f"logs/{stage}-*.log"))) for name in WORKERS)
+
+
+def _rows_file(folder: Path) -> Path:
+    return folder / "flow" / "benchmarks" / "two-machines" / "rows.json"
+
+
+if __name__ == "__main__":
+    main()

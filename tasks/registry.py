@@ -139,9 +139,15 @@ def rows(tracking_uri: str, benchmark: str) -> list[Row]:
         raise InputError(f"no benchmark is called {benchmark!r}; known: {known}")
     out = []
     for run in _pages(client, found.experiment_id):
+        if run.info.status == "RUNNING" and not _has_row(client, run.info.run_id):
+            continue  # at work, or killed before it had a row
         path = client.download_artifacts(run.info.run_id, ROW_FILE)
         out.append(json.loads(Path(path).read_text(encoding="utf-8")))
     return out
+
+
+def _has_row(client: Any, run_id: str) -> bool:
+    return any(file.path == ROW_FILE for file in client.list_artifacts(run_id))
 
 
 def benchmarks(tracking_uri: str) -> list[str]:

@@ -45,6 +45,7 @@ def test_runs_and_rows_hold_on_to_their_artifacts(
     registry.initialise(uri)
     experiment = registry.open_benchmark(uri, "b", tmp_path / "mlflow-artifacts")
     registry.record(uri, experiment, row(1, in_mlflow), parameters={})
+    registry.begin(uri, experiment, row(2, "nothing yet"), {})  # at work, or killed
 
     told = clean_up(tmp_path, unused_hours=0, dry_run=True)
     assert "Would remove 1 artifact, 0 work folders, 1 lock: 1.4 kB" in told

@@ -45,14 +45,16 @@ def initialise(tracking_uri: str) -> None:
 def open_benchmark(tracking_uri: str, benchmark: str, artifacts: Path | None) -> str:
     """Return the id of the benchmark's MLflow experiment, made when there is none.
 
-    ``artifacts`` is where its files go; None leaves that to the MLflow server.
+    ``artifacts`` is where its files go; None, and any server that others share, leaves that to the
+    MLflow server.
     """
     from mlflow.exceptions import MlflowException
 
     client = _client(tracking_uri)
     found = client.get_experiment_by_name(benchmark)
     if found is None:
-        place = None if artifacts is None else (artifacts.resolve() / benchmark).as_uri()
+        shared = tracking_uri.startswith("http")
+        place = None if artifacts is None or shared else (artifacts.resolve() / benchmark).as_uri()
         try:
             return str(client.create_experiment(benchmark, artifact_location=place))
         except MlflowException:  # another flow was faster

@@ -108,7 +108,8 @@ def _rotations(quaternions: Floats) -> Words:
     upright = quaternions * signs[:, None]
     others = np.array([[k for k in range(4) if k != i] for i in range(4)])[largest]
     shares = upright[rows[:, None], others] * np.sqrt(0.5) + 0.5
-    return largest.astype(np.uint32) << np.uint32(30) | _packed(shares, (10, 10, 10))
+    words: Words = largest.astype(np.uint32) << np.uint32(30) | _packed(shares, (10, 10, 10))
+    return words
 
 
 def _harmonics(found: Activated) -> NDArray[np.uint8]:

@@ -56,7 +56,8 @@ def _fraction_bits(farthest: float, path: Path) -> int:
 def _positions(means: Floats, bits: int) -> bytes:
     mirrored = means * [1.0, -1.0, -1.0]
     whole = np.floor(mirrored * 2**bits + 0.5).astype("<i4")
-    return whole.reshape(-1, 1).view(np.uint8)[:, :3].tobytes()  # the low three bytes of each
+    low = whole.reshape(-1, 1).view(np.uint8)[:, :3]  # the low three bytes of each
+    return bytes(low.tobytes())
 
 
 def _bytes(found: Activated) -> tuple[bytes, ...]:

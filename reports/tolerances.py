@@ -65,6 +65,7 @@ TOLERANCES: tuple[Tolerance, ...] = (
     Tolerance("mask_psnr", "quality", +1, "difference", 0.1, 0.02),
     Tolerance("mask_ssim", "quality", +1, "difference", 0.005, 0.001),
     Tolerance("mask_l1", "quality", -1, "difference", 0.002, 0.0004),
+    Tolerance("paper_l1", "quality", -1, "difference", 0.0005, 0.0001, required=False),
     Tolerance("detail_psnr", "quality", +1, "difference", 0.15, 0.03, required=False),
     Tolerance("registered", "quality", +1, "exact", 0.0),
     Tolerance("mean_iou", "quality", +1, "exact", 0.005, required=False),

@@ -1,0 +1,118 @@
+"""Real runs of a small benchmark inside one process: what the gate is tried on.
+
+The same functions that the stages call, without store, flow and registry around them: prepare, cut
+out, find points, train, render, score, measure. Rows come out as ``tasks/row.py`` makes them, as
+far as the gate reads them, and compare with rows of the whole line.
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from mattgs_ops import provenance
+from mattgs_ops.captures import prepare
+from mattgs_ops.config import BenchmarkConfig, CaptureConfig, Condition
+from mattgs_ops.evaluate import measure_speed, render_views, score
+from mattgs_ops.scene import Scene
+from mattgs_ops.segment.infer import segment
+from mattgs_ops.segment.report import MaskReport
+from mattgs_ops.sfm import reconstruct
+from mattgs_ops.splat import _engine
+from mattgs_ops.splat.train import train
+from tasks.capture_files import capture_digest
+from tasks.row import Row, config_digest
+from tasks.stage import Cell
+
+EVERY = 10_000  # training views are scored for the first one only: the gate does not judge them
+
+
+def make_scene(
+    capture: CaptureConfig, config: BenchmarkConfig, out: Path, *, threads: int = 1
+) -> tuple[Scene, MaskReport]:
+    """Prepare, cut out and find points into ``out``."""
+    prepared = prepare(capture, out / "prepared", test_every=config.test_every)
+    masks = segment(prepared, config.segment, out / "masks", threads=threads)
+    folder = out / "scene"
+    return reconstruct(
+        prepared, out / "masks" / "masks", config.sfm, folder, threads=threads
+    ), masks
+
+
+def experiment(
+    config: BenchmarkConfig,
+    cell: Cell,
+    scene: Scene,
+    masks: MaskReport,
+    out: Path,
+    *,
+    speed: dict[str, float] | None = None,
+) -> Row:
+    """Train, render, score and measure one experiment; ``speed`` instead of measuring it."""
+    condition = Condition.parse(cell.condition)
+    training = train(
+        scene,
+        condition,
+        config.method(condition.method),
+        config.train,
+        iterations=config.iterations,
+        resolution=config.resolution,
+        seed=cell.seed,
+        out=out,
+    )
+    return evaluated(config, cell, scene, masks, out, laps=list(training.laps), speed=speed) | {
+        "seconds": {"train": training.wall_seconds}
+    }
+
+
+def evaluated(
+    config: BenchmarkConfig,
+    cell: Cell,
+    scene: Scene,
+    masks: MaskReport,
+    out: Path,
+    *,
+    laps: list[dict[str, float]],
+    speed: dict[str, float] | None = None,
+) -> Row:
+    """Render, score and measure the splats in ``out``; return their row."""
+    condition, ply = Condition.parse(cell.condition), out / "splats.ply"
+    render_views(scene, ply, condition, config.resolution, out, train_every=EVERY)
+    found = score(out)
+    if speed is None:
+        speed = measure_speed(scene, ply, condition, config.resolution)
+    capture = next(c for c in config.captures if c.name == cell.capture)
+    seconds = sum(lap["value"] for lap in laps)
+    return {
+        "schema": 1,
+        "benchmark": config.name,
+        "capture": cell.capture,
+        "condition": cell.condition,
+        "background": condition.background,
+        "method": condition.method,
+        "seed": cell.seed,
+        "iterations": config.iterations,
+        "resolution": config.resolution,
+        "status": "finished",
+        "reason": None,
+        "metrics": found["metrics"] | {"time": seconds} | speed,
+        "per_view": found["per_view"],
+        "repeats": {"time": laps},
+        "registration": dict(scene.extra),
+        "masks": {"mean_iou": masks.mean_iou, "source": masks.source},
+        "provenance": _provenance(config, cell, capture),
+        "artifacts": {},
+    }
+
+
+def _provenance(config: BenchmarkConfig, cell: Cell, capture: CaptureConfig) -> dict[str, Any]:
+    origin = provenance.describe(threads=1)
+    return origin | {
+        "cpu_kind": f"{origin['cpu_kind']}, engine {_engine.instruction_set()}",
+        "config_digest": config_digest(config, cell),
+        "inputs": {"capture": capture_digest(capture)},
+    }
+
+
+def write_rows(rows: list[Row], path: Path) -> None:
+    """Write rows as the command line reads them."""
+    path.write_text(json.dumps(rows, indent=1, sort_keys=True) + "\n", encoding="utf-8")

@@ -48,6 +48,7 @@ STYLE = {
     "pdf.fonttype": 42,
 }
 PNG_DPI = 160
+FIXED, OWN = "fixed_psnr", "psnr"  # PSNR of one and the same view; of each step's own
 NOISY = ("psnr", "loss")  # of one training view each, so that they jump from step to step
 SMOOTH_SHARE = 10  # the running mean's window is the curve's length divided by this
 LEGEND_WIDTH, LEGEND_HEIGHT = 1.3, 0.18  # inches that one entry takes
@@ -187,7 +188,9 @@ def training_curves(rows: Sequence[Row], root: Path | None, folder: Path) -> Sav
             found.setdefault(cell.key.capture, []).append((cell, read_curve(train / "curve.csv")))
     if not found:
         return None
-    shown = (("psnr", "PSNR, training view (dB)"), ("loss", "Loss"), ("splats", "Splats"))
+    fixed = all(FIXED in curve for curves in found.values() for _, curve in curves)
+    quality = (FIXED, "PSNR, one view (dB)") if fixed else (OWN, "PSNR, training view (dB)")
+    shown = (quality, ("loss", "Loss"), ("splats", "Splats"))
     figure = Figure(figsize=(max(2.5 * len(found), 3.2) + 0.5, 6.2))
     grid = figure.subplots(len(shown), len(found), squeeze=False, sharex="col")
     tones = colours(rows)
@@ -214,9 +217,14 @@ def training_curves(rows: Sequence[Row], root: Path | None, folder: Path) -> Sav
         grid[1][place].set_yscale("log")
         grid[-1][place].set_xlabel("Iteration")
     _legend(figure, [h for h in grid[-1][0].get_lines() if not str(h.get_label()).startswith("_")])
+    what = (
+        "PSNR is of the middle training view throughout, loss of"
+        if fixed
+        else "PSNR and loss are of"
+    )
     caption = (
-        "Training curves; PSNR and loss are of each step's own view, thin as recorded, thick as a "
-        "running mean. The loss of Ours is on its own weighted scale and does not compare "
+        f"Training curves; {what} each step's own view, thin as recorded, thick as a running "
+        "mean. The loss of Ours is on its own weighted scale and does not compare "
         "with that of 3DGS; PSNR does, on one background."
     )
     return save(figure, folder, "figure-curves", caption)

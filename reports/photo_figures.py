@@ -25,6 +25,7 @@ SCALE = 0.5  # inches for a colour scale
 CELL = 1.55  # inches that one picture is wide
 MARK = "#ffd400"  # the frame around a zoomed part
 ERROR_TOP = 0.25  # error at which the colour scale ends, of 1
+START = "start.npz"  # of a training: starting points, and which were kept
 OBJECT_SHARE = 0.5  # a sparse point counts as the object's above this
 
 
@@ -86,20 +87,27 @@ def error_maps(found: Gallery, folder: Path) -> Saved | None:
     return save(figure, folder, f"figure-errors-{found.capture}", caption, pictorial=True)
 
 
-def attention(galleries: Sequence[Gallery], folder: Path) -> Saved | None:
-    """Photo, grey, both gradients and A, per capture, on the images that training sees."""
+def attention(galleries: Sequence[Gallery], root: Path | None, folder: Path) -> Saved | None:
+    """Photo, grey, both gradients, A and what it pruned, per capture, on what training sees."""
     usable = [g for g in galleries if g.views]
     if not usable:
         return None
-    titles = ("Image", "Grey", "|horizontal gradient|", "|vertical gradient|", "Attention A")
+    titles = ["Image", "Grey", "|horizontal gradient|", "|vertical gradient|", "Attention A"]
+    pruned = {found.capture: _pruned(found, root) for found in usable}
+    if any(found is not None for found in pruned.values()):
+        titles.append("Pruned at the start")
     first = _attention_image(usable[0])[1]
     figure, grid = _canvas(len(usable), len(titles), first)
     for level, found in enumerate(usable):
-        label, image = _attention_image(found)
+        condition, image = _attention_image(found)
+        label = background_name(found.rows[condition]["background"])
         grey = image.mean(axis=2)
         horizontal, vertical = _gradients(grey)
         parts = (image, grey, horizontal, vertical, paper_attention(image))
-        for axes, part, title in zip(grid[level], parts, titles, strict=True):
+        if len(titles) > len(parts):
+            grid[0][-1].set_title(titles[-1], fontsize=7.5)
+            _pruned_points(grid[level][-1], image, pruned[found.capture])
+        for axes, part, title in zip(grid[level], parts, titles[: len(parts)], strict=False):
             top = 1.0 if part.ndim == 3 or title in {"Grey", "Attention A"} else float(part.max())
             axes.imshow(part, cmap="gray", vmin=0, vmax=top or 1.0)
             _bare(axes)
@@ -108,9 +116,14 @@ def attention(galleries: Sequence[Gallery], folder: Path) -> Saved | None:
         _side(grid[level][0], f"{capture_name(found.capture)}\n{label}")
     caption = (
         "Attention: the image, its grey (mean of red, green and blue), the two Sobel gradients "
-        "and A, their magnitude stretched to 0–1 over the image. On the white composite the "
-        "cut-out's own outline answers strongest."
+        "and A of eqs. 9–14, their magnitude stretched to 0–1 over the image. On the white "
+        "composite the cut-out's own outline answers strongest."
     )
+    if len(titles) > 5:
+        caption += (
+            " Last, the points that training could start from: orange ones were dropped because "
+            "their attention is low in the training views that see them, grey ones stayed."
+        )
     return save(figure, folder, "figure-attention", caption, pictorial=True)
 
 
@@ -225,11 +238,41 @@ def _frame(axes: Axes, window: Window) -> None:
 
 
 def _attention_image(found: Gallery) -> tuple[str, Floats]:
-    """Return the image that Ours trains on: the white composite where there is one."""
+    """Return a condition and an image that Ours trains on: the white composite if there is one."""
     without = [c for c in found.conditions if found.rows[c]["background"] == "nobg"]
     condition = (without or found.conditions)[-1]
-    view = found.chosen()[0]
-    return background_name(found.rows[condition]["background"]), found.truth(condition, view)
+    return condition, found.truth(condition, found.chosen()[0])
+
+
+def _pruned(found: Gallery, root: Path | None) -> tuple[Floats, NDArray[np.bool_]] | None:
+    """Return pixels [P, 2] of the starting points in the view shown, and which stayed."""
+    condition, image = _attention_image(found)
+    row = found.rows[condition]
+    train, place = artifact(row, "train", root), artifact(row, "scene", root)
+    if train is None or place is None or not (train / START).is_file():
+        return None
+    cameras = {view.name: view.camera for view in Scene.load(place).views}
+    camera = cameras.get(found.chosen()[0])
+    if camera is None:
+        return None
+    height, width = image.shape[:2]
+    with np.load(train / START) as told:
+        xyz, kept = told["xyz"].astype(np.float64), told["kept"]
+    xy, depth = camera.scaled(width, height).project(xyz)
+    inside = (depth > 0) & ((xy >= 0) & (xy < [width, height])).all(axis=1)
+    return xy[inside].astype(np.float32), kept[inside]
+
+
+def _pruned_points(
+    axes: Axes, image: Floats, found: tuple[Floats, NDArray[np.bool_]] | None
+) -> None:
+    _show(axes, image * np.float32(0.35) + np.float32(0.65))
+    if found is None:
+        return
+    xy, kept = found
+    for chosen, colour in ((kept, "#5c6670"), (~kept, "#D55E00")):
+        x, y = (xy[chosen] - 0.5).T
+        axes.scatter(x, y, s=1.0, c=colour, linewidths=0, rasterized=True)
 
 
 def _gradients(grey: Floats) -> tuple[Floats, Floats]:
@@ -270,7 +313,7 @@ def all_photo_figures(
     first = {cell.key.capture: cell.finished[0] for cell in reversed(mine) if cell.finished}
     names = [g.capture for g in galleries if g.capture in first]
     out = [masked_sfm([(name, first[name]) for name in names], root, folder)]
-    out.append(attention(galleries, folder))
+    out.append(attention(galleries, root, folder))
     for found in galleries:
         out += [comparison(found, folder), error_maps(found, folder)]
     return [figure for figure in out if figure is not None]

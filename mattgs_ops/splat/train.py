@@ -1,8 +1,9 @@
 """Train splats for one experiment: a scene in, a folder with the splats out.
 
-The folder holds ``splats.ply``, ``training.json`` (:mod:`report`), ``curve.csv`` (:mod:`curve`)
-and, while it runs, ``checkpoint.npz``; a killed run goes on from there by itself. Training reads
-the registered training views and the sparse points, nothing of the test views.
+The folder holds ``splats.ply``, ``training.json`` (:mod:`report`), ``curve.csv`` (:mod:`curve`),
+``start.npz`` where the method chose among the starting points and, while it runs,
+``checkpoint.npz``; a killed run goes on from there by itself. Training reads the registered
+training views and the sparse points, nothing of the test views.
 """
 
 import time
@@ -11,6 +12,7 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 
+import numpy as np
 import torch
 
 from mattgs_ops import stopwatch
@@ -43,6 +45,7 @@ from mattgs_ops.splat.schedule import Schedule
 from mattgs_ops.splat.trainer import StepResult, Trainer, background_colour
 
 PLY = "splats.ply"
+START = "start.npz"  # starting points [P, 3] and which were kept [P], where attention chose
 FEWEST_VIEWS = 2
 CALIBRATIONS = 2  # workloads before and after; the fastest counts
 
@@ -83,7 +86,7 @@ def train(
         state = checkpoint.load(out, key)
         resumed_from = 0 if state is None else state.step
         if state is None:
-            state = _start(trainer, points, seed)
+            state = _start(trainer, points, seed, out)
         bound = memory_bound(stored, config.max_splats)
         progress(state.step, iterations, f"needs at most {bound:.0f} MiB beside the libraries")
         workload = calibrate(CALIBRATIONS)
@@ -120,12 +123,15 @@ def train(
     return report
 
 
-def _start(trainer: Trainer, points: StartingPoints, seed: int) -> TrainingState:
+def _start(trainer: Trainer, points: StartingPoints, seed: int, out: Path) -> TrainingState:
     began = _clocks()
-    chosen = points
+    kept = np.ones(len(points.xyz), dtype=np.bool_)
     if trainer.method.prune_initial:
-        chosen = trainer.keep_attended(points, FEWEST_POINTS)
+        kept = trainer.attended(points, FEWEST_POINTS)
+    chosen = points.keep(kept)
     seconds = _since(began)
+    if trainer.method.prune_initial:
+        np.savez(out / START, xyz=points.xyz.astype(np.float32), kept=kept)
     state = TrainingState.start(initial_splats(chosen), seed)
     # scoring the points is part of the method, so it is part of its time
     state.wall_seconds, state.cpu_seconds = seconds

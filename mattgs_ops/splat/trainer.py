@@ -16,6 +16,7 @@ from functools import partial
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from mattgs_ops.attention import attention_map, loss_weights, point_scores
@@ -91,15 +92,15 @@ class Trainer:
             self._maps[index] = torch.from_numpy(found)
         return self._maps[index]
 
-    def keep_attended(self, points: StartingPoints, fewest: int) -> StartingPoints:
-        """Drop starting points of low attention; all stay if fewer than ``fewest`` would.
+    def attended(self, points: StartingPoints, fewest: int) -> NDArray[np.bool_]:
+        """Say which starting points have attention [P]; all, if fewer than ``fewest`` would.
 
         Every point starts with the same opacity, so attention alone decides here.
         """
         maps = [self.attention(i).numpy() for i in range(len(self.views))]
         scores, _ = point_scores(points.xyz, [view.camera for view in self.views], maps)
         chosen = scores >= self.method.prune_attention
-        return points.keep(chosen) if int(chosen.sum()) >= fewest else points
+        return chosen if int(chosen.sum()) >= fewest else np.ones_like(chosen)
 
     def step(self, state: TrainingState) -> StepResult:
         """Do one step; changes ``state``. Raises :class:`StageError` on NaN or infinity."""

@@ -238,10 +238,15 @@ def test_the_absolute_gradient_has_a_threshold_of_its_own(run: Train) -> None:
     assert high == 0
 
 
-def test_starting_points_without_attention_are_dropped_but_never_nearly_all(run: Train) -> None:
+def test_starting_points_without_attention_are_dropped_but_never_nearly_all(
+    run: Train, tmp_path: Path
+) -> None:
     some = run("a", method=MethodConfig(prune_initial=True, prune_attention=0.075), iterations=1)
     assert 100 <= some.starting_splats < 150
     assert some.counters["removed_before_start"] == 150 - some.starting_splats
+    with np.load(tmp_path / "a" / "start.npz") as told:
+        assert told["xyz"].shape == (150, 3)
+        assert int(told["kept"].sum()) == some.starting_splats
     none = run("b", method=MethodConfig(prune_initial=True, prune_attention=1.0), iterations=1)
     assert none.starting_splats == 150
 

@@ -45,6 +45,7 @@ class RemoteStore:
         except (ImportError, ValueError) as error:
             raise InputError(f"--store {url}: {error}") from error
         self._root = root.rstrip("/")
+        self._made: set[str] = set()  # folders: asked for once, not once per object
 
     def check(self) -> None:
         """Write and read a mark; raises :class:`InputError` when that is not possible."""
@@ -95,7 +96,8 @@ class RemoteStore:
     def publish(self, key: str, place: Path, files: str) -> bool:
         """Upload an artifact; return False when another machine has published it already."""
         text = (place / MANIFEST).read_bytes()
-        for name, row in json.loads(text)["files"].items():
+        rows = {row["sha256"]: (row, name) for name, row in json.loads(text)["files"].items()}
+        for row, name in rows.values():  # equal files once
             self._upload(row, place / files / name)
         if self.manifest(key) is not None:
             return False
@@ -133,7 +135,10 @@ class RemoteStore:
             self._files.put_file(str(path), target)
 
     def _make_parent(self, path: str) -> None:
-        self._files.makedirs(path.rpartition("/")[0], exist_ok=True)
+        folder = path.rpartition("/")[0]
+        if folder not in self._made:
+            self._files.makedirs(folder, exist_ok=True)
+            self._made.add(folder)
 
     def _remove(self, path: str) -> None:
         if self._files.exists(path):

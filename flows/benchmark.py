@@ -20,7 +20,8 @@ from tasks import prefect_tasks as run
 from tasks.record import promoted, record_summary
 from tasks.registry_live import Expected, following
 from tasks.row import Outcome, Row, make_row, running_row, settings
-from tasks.stage import Artifact, Cell, Place
+from tasks.stage import Artifact, Cell, Place, slug
+from tasks.status import StatusFile
 from tasks.train import training_title
 
 Future = PrefectFuture[Artifact]
@@ -116,13 +117,18 @@ def _wait(place: Place, chain: Chain) -> Outcome:
         return Outcome(chain.cell, reason=chain.broken)
     outcome = Outcome(chain.cell, {"prepare": chain.prepared})
     for name, future in chain.futures:
+        owner = chain.cell if name in ("train", "evaluate") else chain.cell.capture
+        told = StatusFile(place.status / f"{slug(f'{name} {owner}')}.json")
         try:
             # raises too when Dask lost the worker, which a plain wait() would pass over in silence
             made = future.result()
             place.folder(made)  # brings it here from where it was made
             outcome.artifacts[name] = made
+            told.learn(f"{name} {owner}", name, "cached" if made.cached else "done", made.seconds)
         except Exception as error:
-            return replace(outcome, reason=str(error) or type(error).__name__)
+            reason = str(error) or type(error).__name__
+            told.learn(f"{name} {owner}", name, "failed", 0.0, reason)
+            return replace(outcome, reason=reason)
     return outcome
 
 

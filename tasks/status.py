@@ -67,6 +67,12 @@ class StatusFile:
         done = status.total if state in ("done", "cached") else status.done
         self._write(replace(status, state=state, done=done, note=note, updated=time.time()))
 
+    def learn(self, title: str, stage: str, state: State, seconds: float, note: str = "") -> None:
+        """State how a stage ended on a machine whose status files are not seen here."""
+        if not self.path.exists():
+            now = time.time()
+            self._write(Status(title, stage, state, 0, 0, note, now - seconds, now))
+
     def restore(self, status: Status) -> None:
         """Put back what was there before."""
         self._write(status)

@@ -57,7 +57,8 @@ workers = 1
 EXPERIMENTS = 1
 SETTLE_SECONDS = 15.0  # for what the kernel and Dask clean up after a kill
 HANG_SECONDS = 240.0  # a run that takes longer than this hangs
-TMPFS = "3m"  # holds the scene, neither the trainings nor the database
+SPARE_BYTES = 1_000_000  # on the full disk: less than a training's checkpoint takes
+PAGE = 4096
 READY = ("prepare", "segment", "sfm")  # stages done before the fault
 
 
@@ -291,9 +292,11 @@ def full_disk(trial: Trial) -> str:
     before = trial.out.with_name("full-disk-before")
     trial.out.rename(before)
     trial.out.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", f"size={TMPFS}", "tmpfs", str(trial.out)]
+    pages = sum(path.stat().st_size // PAGE + 1 for path in before.rglob("*"))
+    size = f"size={pages * PAGE + SPARE_BYTES}"
+    mount = ["mount", "-t", "tmpfs", "-o", size, "tmpfs", str(trial.out)]
     subprocess.run(mount, check=True, capture_output=True)
-    shutil.copytree(before / "store", trial.out / "store")
+    shutil.copytree(before, trial.out, dirs_exist_ok=True)
     code = trial.run()
     subprocess.run(["mount", "-o", "remount,size=1g", str(trial.out)], check=True)
     return f"exit {code}"
@@ -373,7 +376,7 @@ def attempt(folder: Path, name: str, reference: Trial) -> bool:
         same = trial.splats() == reference.splats()
         runs = trial.runs()
         resumed = trial.resumed()
-    except (subprocess.CalledProcessError, RuntimeError) as error:
+    except (subprocess.CalledProcessError, OSError, RuntimeError, psutil.Error) as error:
         print(f"| {name} | {error} | | | | | | | | **no** |", flush=True)
         return False
     finally:

@@ -12,16 +12,16 @@ from typing import Any
 from mattgs_ops import provenance
 from mattgs_ops.captures import prepare
 from mattgs_ops.config import BenchmarkConfig, CaptureConfig, Condition
+from mattgs_ops.digests import json_digest
 from mattgs_ops.evaluate import measure_speed, render_views, score
 from mattgs_ops.scene import Scene
 from mattgs_ops.segment.infer import segment
 from mattgs_ops.segment.report import MaskReport
 from mattgs_ops.sfm import reconstruct
-from mattgs_ops.splat import _engine
 from mattgs_ops.splat.train import train
 from tasks.capture_files import capture_digest
 from tasks.row import Row, config_digest
-from tasks.stage import Cell
+from tasks.stage import Cell, code_versions
 
 EVERY = 10_000  # training views are scored for the first one only: the gate does not judge them
 
@@ -107,7 +107,7 @@ def evaluated(
 def _provenance(config: BenchmarkConfig, cell: Cell, capture: CaptureConfig) -> dict[str, Any]:
     origin = provenance.describe(threads=1)
     return origin | {
-        "cpu_kind": f"{origin['cpu_kind']}, engine {_engine.instruction_set()}",
+        "code_version": json_digest(code_versions()),
         "config_digest": config_digest(config, cell),
         "inputs": {"capture": capture_digest(capture)},
     }

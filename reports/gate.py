@@ -44,7 +44,11 @@ def compare(
     numbers make the whole one that cannot be judged. Speeds that were measured on another machine
     are not compared, which is told once for each and excused.
     """
-    table = [replace(t, noise=(noise or {}).get(t.metric, t.noise)) for t in TOLERANCES]
+    known = noise or {}
+    table = [
+        replace(t, noise=known[t.metric], measured=True) if t.metric in known else t
+        for t in TOLERANCES
+    ]
     findings, judged = collected(candidate, baseline, table)
     findings += _judge(judged, table)
     ranked = tuple(sorted(findings, key=_rank))

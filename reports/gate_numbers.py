@@ -129,11 +129,12 @@ def interval_of(number: Judged, level: float, among: float = 0.0, cells: int = 0
 def spread_among(numbers: Sequence[Judged]) -> float:
     """Return the standard deviation of one metric's changes among cells, 0 for fewer than four.
 
+    It stands in for a noise that nobody measured; where a baseline brings its own, that counts.
     From the median absolute deviation, so that one cell that really changed does not hide itself.
     A change that all cells, all of a method, a background or a capture share is no spread either:
     of these explanations the one that leaves least counts.
     """
-    if len(numbers) < SPREAD_LEAST:
+    if len(numbers) < SPREAD_LEAST or numbers[0].tolerance.measured:
         return 0.0
     means = [change_of(number) for number in numbers]
     explained = (

@@ -56,6 +56,7 @@ class Tolerance:
     noise: float = 0.0
     common: float = 0.0  # standard deviation of what all cells of a run share, likewise
     required: bool = True
+    measured: bool = False  # the noise is a baseline's own
 
 
 TOLERANCES: tuple[Tolerance, ...] = (

@@ -22,3 +22,13 @@ def real_data() -> Path:
     if not REAL_DATA.is_dir():
         pytest.skip("no real captures beside this checkout (../shared/data)")
     return REAL_DATA
+
+
+@pytest.fixture(scope="session")
+def fresh_registry(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return an MLflow database without runs, made once: to be copied, making one takes seconds."""
+    from tasks import registry
+
+    path = tmp_path_factory.mktemp("registry") / "mlflow.db"
+    registry.initialise(f"sqlite:///{path}")
+    return path

@@ -1,6 +1,7 @@
 """What people do with results: export splats, look at them, promote them; from a real registry."""
 
 import json
+import shutil
 import sys
 import urllib.request
 from pathlib import Path
@@ -27,7 +28,7 @@ SIZE = (32, 24)
 
 
 @pytest.fixture(scope="module")
-def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def out(fresh_registry: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return an output folder whose registry holds one run with splats, cameras and a photo."""
     folder = tmp_path_factory.mktemp("results")
     rng = np.random.default_rng(2)
@@ -52,11 +53,16 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     points = SparsePoints(none, none.astype(np.uint8), np.zeros(0, np.float32), np.zeros(0, int))
     Scene("ball", scene, views, {}).save(points)
     uri = f"sqlite:///{folder / 'mlflow.db'}"
-    registry.initialise(uri)
+    shutil.copy(fresh_registry, folder / "mlflow.db")
     experiment = registry.open_benchmark(uri, "small", folder / "mlflow-artifacts")
     kept = [(files / name, "") for name in ("splats.ply", "training.json")]
     registry.record(uri, experiment, row(), parameters={}, files=[*kept, (scene, "scene")])
     return folder
+
+
+@pytest.fixture(autouse=True)
+def embedded_registry(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
 
 
 def row() -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """A promoted run is its cell's baseline, and its splats a model that MLflow loads and renders."""
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -50,11 +51,13 @@ def row(seed: int = 0, **changes: Any) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, dict[str, str]]:
+def place(
+    fresh_registry: Path, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[str, dict[str, str]]:
     """Return a registry on SQLite and the ids of its runs by seed, or by what they are."""
     folder = tmp_path_factory.mktemp("promotion")
     uri = f"sqlite:///{folder / 'mlflow.db'}"
-    registry.initialise(uri)
+    shutil.copy(fresh_registry, folder / "mlflow.db")
     experiment = registry.open_benchmark(uri, "small", folder / "artifacts")
     write_ply(splats(), folder / "splats.ply")
     (folder / "training.json").write_text(json.dumps({"background": BLACK}))
@@ -69,15 +72,14 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, dict[str, str]
 
 
 def test_a_promoted_run_loads_as_a_model_and_renders_what_its_splats_show(
-    place: tuple[str, dict[str, str]],
+    place: tuple[str, dict[str, str]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     import mlflow
 
     uri, runs = place
     address = registry_promotion.promote(uri, find_run(uri, runs["0"]))
     assert address == "models:/small.ball.nobg-ours.100x64@baseline"
-    mlflow.set_tracking_uri(uri)
-    mlflow.set_registry_uri(uri)
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", uri)
     model = mlflow.pyfunc.load_model(address)
     (image,) = model.predict(splat_model.row_of(CAMERA))
     assert np.array_equal(image, render_view(splats(), CAMERA, BLACK))

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from prefect import Flow, flow
-from prefect.artifacts import create_link_artifact, create_markdown_artifact
+from prefect.artifacts import create_markdown_artifact
 
 from mattgs_ops.errors import MattgsError
 
@@ -41,9 +41,8 @@ def grid(
     given = {"iterations": iterations, "resolution": resolution, "seeds": seeds}
     merged = benchmark_config(config, {"name": name, "conditions": conditions, **given})
     complete = run_benchmark(merged, out.resolve())
-    report = out.resolve() / "benchmarks" / name / "report.html"
-    create_link_artifact(report.as_uri(), key="report", link_text=str(report))
     if not complete:
+        report = out.resolve() / "benchmarks" / name / "report.html"
         raise MattgsError(f"some experiments failed; report: {report}")
 
 

@@ -35,9 +35,23 @@ def judge(
 
 
 def find_baseline(out: Path, benchmark: str, against: str) -> Baseline:
-    """Return the baseline of a file or committed name, else that of an alias in the registry."""
-    del out, benchmark
-    return baseline.load(against)
+    """Return the baseline of a file or committed name, else of an alias in the registry.
+
+    The rows of an alias are those of the benchmark's runs that ``mattgs promote`` gave it to.
+    Raises :class:`InputError` naming what was looked for.
+    """
+    if Path(against).suffix or Path(against).is_file() or baseline.committed(against):
+        return baseline.load(against)
+    from flows.embedded import tracking_uri
+    from tasks import registry_promotion
+
+    rows = registry_promotion.aliased_rows(tracking_uri(out), benchmark, against)
+    if not rows:
+        raise InputError(
+            f"{against}: expected a baseline's file, the name of a committed one, or an alias that "
+            f"runs of the benchmark {benchmark!r} were promoted to; found none"
+        )
+    return baseline.make(rows, f"{benchmark}@{against}")
 
 
 def make_baseline(out: Path, benchmark: str, file: Path, again: Sequence[Path] = ()) -> Path:

@@ -11,11 +11,21 @@ from pathlib import Path
 
 QUEUE_FILE = Path("/proc/thread-self/schedstat")
 NANOSECONDS = 1e-9
+MOST_READINGS = 20
 
 
 def seconds() -> float:
-    """Return undisturbed seconds since some fixed moment; only differences mean something."""
-    return time.perf_counter() - queued()
+    """Return undisturbed seconds since some fixed moment; only differences mean something.
+
+    Both clocks are read at one moment: a wait between the two readings asks for new ones.
+    """
+    before = queued()
+    for _ in range(MOST_READINGS):
+        now, after = time.perf_counter(), queued()
+        if after == before:
+            break
+        before = after
+    return now - before
 
 
 def queued(file: Path = QUEUE_FILE) -> float:

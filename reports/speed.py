@@ -34,7 +34,7 @@ def calibrated(row: Row, metric: str) -> dict[str, float]:
     found = {}
     for index, repeat in enumerate(repeats):
         value, workload = repeat.get("value"), seconds(repeat.get("calibration"))
-        if not value or not workload:
+        if not isinstance(value, int | float) or not value > 0 or workload is None:
             return {}
         found[str(index)] = value * workload if metric in RATES else value / workload
     return found

@@ -147,12 +147,12 @@ def _run(trainer: Trainer, state: TrainingState, out: Path, key: str, progress: 
     curve, laps = Curve(out, state.step), Laps(iterations)
     reported, reported_at = state.step, state.wall_seconds
     while state.step < iterations:
-        queued, began = stopwatch.queued(), _clocks()
+        calm, began = stopwatch.seconds(), _clocks()
         result = trainer.step(state)
         wall, cpu = _since(began)
         state.wall_seconds += wall
         state.cpu_seconds += cpu
-        laps.add(state.step, wall - (stopwatch.queued() - queued))
+        laps.add(state.step, stopwatch.seconds() - calm)
         if due(state.step, iterations):
             rate = (state.step - reported) / max(state.wall_seconds - reported_at, 1e-9)
             reported, reported_at = state.step, state.wall_seconds

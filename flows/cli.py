@@ -1,5 +1,6 @@
 """``mattgs``: the command line. Light at the top: every command imports what it needs itself."""
 
+import errno
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -201,6 +202,11 @@ def main() -> None:
         sys.exit(EXIT_INPUT)
     except MattgsError as error:
         sys.stderr.write(f"mattgs: {error}\n")
+        sys.exit(EXIT_FAILED)
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+            raise
+        sys.stderr.write(f"mattgs: {error}: make room; the same command goes on from here\n")
         sys.exit(EXIT_FAILED)
     except KeyboardInterrupt:
         sys.stderr.write("mattgs: interrupted; the same command goes on from here\n")

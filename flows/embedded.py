@@ -30,7 +30,8 @@ QUIET = {
     "DASK_DISTRIBUTED__WORKER__DAEMON": "true",
     "DO_NOT_TRACK": "true",
     "MLFLOW_DISABLE_TELEMETRY": "true",
-    "MLFLOW_LOGGING_LEVEL": "ERROR",
+    "MLFLOW_LOGGING_LEVEL": "CRITICAL",  # what fails is told once, by a warning of ours
+    "MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR": "false",
     "GIT_PYTHON_REFRESH": "quiet",
 }
 WORKER_IMPORTS = "tasks.prefect_tasks"

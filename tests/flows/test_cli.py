@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
+from flows import cli
+
 HEAVY = ("torch", "prefect", "mlflow", "dask", "distributed", "cv2", "pycolmap", "onnxruntime")
 
 
@@ -83,3 +85,16 @@ def command_line(process: Path) -> bytes:
         return (process / "cmdline").read_bytes()
     except OSError:  # it has just ended
         return b""
+
+
+def test_a_full_disk_is_said_plainly(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def write_to_a_full_disk() -> None:
+        with Path("/dev/full").open("w") as file:
+            file.write("x")
+
+    monkeypatch.setattr(cli, "app", write_to_a_full_disk)
+    with pytest.raises(SystemExit, match="1"):
+        cli.main()
+    assert "No space left on device: make room" in capsys.readouterr().err

@@ -270,9 +270,9 @@ def _pruned_points(
     if found is None:
         return
     xy, kept = found
-    for chosen, colour in ((kept, "#5c6670"), (~kept, "#D55E00")):
+    for chosen, colour, size in ((kept, "#9aa5b1", 1.0), (~kept, "#D55E00", 3.0)):
         x, y = (xy[chosen] - 0.5).T
-        axes.scatter(x, y, s=1.0, c=colour, linewidths=0, rasterized=True)
+        axes.scatter(x, y, s=size, c=colour, linewidths=0, rasterized=True)
 
 
 def _gradients(grey: Floats) -> tuple[Floats, Floats]:

@@ -30,6 +30,9 @@ from reports.rows import (
 )
 
 HOLE = Entry("–")
+UNVERIFIED = (
+    "The paper's own values are not printed beside ours: none could be checked against the paper."
+)
 PROMOTED = " ★"  # on lines that hold a promoted run
 MARKS = "abcdefghijklmnopqrstuvwxyz"
 
@@ -56,6 +59,8 @@ def capture_tables(rows: Sequence[Row], values: paper.PaperValues | None = None)
         slug = f"table-{number}-{_slug(capture)}"
         table = make_table(slug, title, columns.PAPER, groups, notes)
         out.append(replace(table, number=columns.roman(number)))
+    if out and not values.values:
+        out[-1] = replace(out[-1], notes=(*out[-1].notes, UNVERIFIED))
     return out
 
 

@@ -93,7 +93,7 @@ def _figure(figure: Saved) -> dict[str, Any]:
             picture.quantize(256, dither=Image.Dither.NONE).save(buffer, "PNG", optimize=True)
             uri = "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
     named = {"slug": figure.slug, "caption": figure.caption, "pictorial": figure.pictorial}
-    return {**named, "uri": uri, **size}
+    return {**named, "uri": uri, "share": f"{picture.width / FIGURE_WIDTH:.3f}", **size}
 
 
 def _jpeg(picture: Image.Image, quality: int) -> str:

@@ -19,6 +19,8 @@ from reports.splat_view import LEAST_ALPHA, nearest_point
 
 PHOTO_WIDTH = 240  # pixels of a photo in its frustum
 FRUSTUM_SHARE = 0.06  # length of a frustum, of the cameras' distance from what they look at
+STEP_BACK = 1.6  # of the first camera's distance: its own photo must not hide the splats
+LINE = 1.5  # pixels
 COLOURS = {"train": (90, 110, 130), "test": (213, 94, 0)}
 
 
@@ -71,7 +73,7 @@ def _add_cameras(server: Any, scene: Scene, photos: Mapping[str, Path]) -> None:
     length = FRUSTUM_SHARE * float(np.linalg.norm(centres - target, axis=1).mean())
     up = -np.stack([camera.rotation[1] for camera in cameras]).mean(axis=0)
     server.scene.set_up_direction(tuple(up / np.linalg.norm(up)))
-    server.initial_camera.position = tuple(centres[0])
+    server.initial_camera.position = tuple(target + STEP_BACK * (centres[0] - target))
     server.initial_camera.look_at = tuple(target)
     for view in views:
         _add_camera(server, view, photos.get(view.name), length)
@@ -87,6 +89,8 @@ def _add_camera(server: Any, view: View, photo: Path | None, length: float) -> N
         fov=2 * float(np.arctan(inner.height / 2 / inner.fy)),
         aspect=inner.width / inner.height,
         scale=length,
+        thickness=LINE,
+        thickness_units="screen",
         color=COLOURS[view.split],
         image=None if photo is None else _small(photo),
         wxyz=tuple(Rotation.from_matrix(camera.rotation.T).as_quat(scalar_first=True)),

@@ -23,7 +23,7 @@ from tasks.capture_files import capture_digest
 from tasks.row import Row, config_digest
 from tasks.stage import Cell, code_versions
 
-EVERY = 10_000  # training views are scored for the first one only: the gate does not judge them
+EVERY = 10_000  # of training views only the first is scored: the gate goes by their names
 
 
 def make_scene(
@@ -82,6 +82,7 @@ def evaluated(
         speed = measure_speed(scene, ply, condition, config.resolution)
     capture = next(c for c in config.captures if c.name == cell.capture)
     seconds = sum(lap["value"] for lap in laps)
+    trained = [{"view": view.name, "split": "train"} for view in scene.registered("train")]
     return {
         "schema": 1,
         "benchmark": config.name,
@@ -95,7 +96,7 @@ def evaluated(
         "status": "finished",
         "reason": None,
         "metrics": found["metrics"] | {"time": seconds} | speed,
-        "per_view": found["per_view"],
+        "per_view": [view for view in found["per_view"] if view["split"] == "test"] + trained,
         "repeats": {"time": laps},
         "registration": dict(scene.extra),
         "masks": {"mean_iou": masks.mean_iou, "source": masks.source},

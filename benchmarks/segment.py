@@ -1,12 +1,14 @@
 """Segmentation: photos per second, and agreement with the bundled captures' true masks.
 
-    python benchmarks/segment.py [--threads 2] [--captures rover,hexapod,lattepanda]
+    python benchmarks/segment.py [--threads 2] [--captures rover,hexapod,lattepanda] [--votes]
 
 Prints two Markdown tables. The first times U²-NetP at 320 × 320, reading and resizing included,
-writing not; the second scores the bundled model, with and without GrabCut refinement.
+writing not; the second scores the bundled model, with and without GrabCut refinement, and with
+``--votes`` (two minutes a capture) by the votes of all views, cameras estimated as in a benchmark.
 """
 
 import argparse
+import shutil
 import tempfile
 import time
 from pathlib import Path
@@ -14,10 +16,12 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from mattgs_ops.config import BUNDLED, CaptureConfig, SegmentConfig
+from mattgs_ops.config import BUNDLED, CaptureConfig, SegmentConfig, SfmConfig
+from mattgs_ops.scene import PreparedCapture
 from mattgs_ops.segment.export import export
 from mattgs_ops.segment.infer import segment
 from mattgs_ops.segment.network import BUNDLED_MODEL, SaliencyNetwork
+from mattgs_ops.segment.report import MaskReport
 from mattgs_ops.segment.u2net import U2Net
 
 PHOTOS, REPEATS = 8, 3
@@ -42,6 +46,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--captures", default=",".join(BUNDLED))
+    parser.add_argument("--votes", action="store_true")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         torch.manual_seed(0)
@@ -55,26 +60,47 @@ def main() -> None:
         print("\n| capture | refine | IoU | worst | F | MAE | boundary F | flagged |")
         print("|---|---|---|---|---|---|---|---|")
         for capture in filter(None, options.captures.split(",")):
-            quality_rows(capture, Path(folder), options.threads)
+            quality_rows(capture, Path(folder), options.threads, votes=options.votes)
 
 
-def quality_rows(name: str, folder: Path, threads: int) -> None:
+def quality_rows(name: str, folder: Path, threads: int, *, votes: bool) -> None:
     """Print a capture's rows."""
     from mattgs_ops import captures
 
     prepared = captures.prepare(CaptureConfig(name=name), folder / name, test_every=8)
     settings = {
-        "none": SegmentConfig(source="u2net", refine="none"),
+        "alone": SegmentConfig(source="u2net", refine="none"),
         "grabcut": SegmentConfig(source="u2net", refine="grabcut"),
-        "GrabCut alone": SegmentConfig(source="grabcut"),
+        "GrabCut, no network": SegmentConfig(source="grabcut"),
     }
     for label, config in settings.items():
-        report = segment(prepared, config, folder / f"{name}-{label}", threads=threads)
-        m = report.means()
-        print(
-            f"| {name} | {label} | {m['iou']:.3f} | {m['worst_iou']:.3f} | {m['f_measure']:.3f} "
-            f"| {m['mae']:.4f} | {m['boundary_f']:.3f} | {len(report.flagged)} |"
-        )
+        print_row(name, label, segment(prepared, config, folder / f"{name}-{label}"))
+    if votes:
+        print_row(name, "votes", voted(prepared, folder / f"{name}-alone", folder, threads))
+
+
+def voted(capture: PreparedCapture, alone: Path, folder: Path, threads: int) -> MaskReport:
+    """Return the masks' report after structure-from-motion and the views' agreement."""
+    from mattgs_ops import sfm
+    from mattgs_ops.segment.agree import agree
+
+    solved, out = folder / f"{capture.name}-solved", folder / f"{capture.name}-agreed"
+    scene = sfm.reconstruct(
+        capture, alone / "masks", SfmConfig(), solved, soft=alone / "soft", threads=threads
+    )
+    shutil.copyfile(alone / "masks.json", solved / "masks.json")
+    agree(scene, capture, out, threads=threads)
+    return MaskReport.load(out / "masks.json")
+
+
+def print_row(name: str, label: str, report: MaskReport) -> None:
+    """Print one row of the second table."""
+    m = report.means()
+    print(
+        f"| {name} | {label} | {m['iou']:.3f} | {m['worst_iou']:.3f} | {m['f_measure']:.3f} "
+        f"| {m['mae']:.4f} | {m['boundary_f']:.3f} | {len(report.flagged)} |",
+        flush=True,
+    )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The benchmark flow: captures → masks → masked SfM → condition × seed → training → scores → rows.
+"""The benchmark flow: captures → masks → masked SfM → masks that agree → training → scores → rows.
 
 One chain of tasks per capture, fanned out into one per experiment. Chains do not know of each
 other: when a task fails, what depends on it does not run, its experiments become rows that say why,
@@ -90,12 +90,17 @@ def _submit(place: Place, capture: CaptureConfig, config: BenchmarkConfig) -> li
     except Exception as error:  # whatever it is, it is these experiments' alone
         return [Chain(cell, broken=str(error)) for cell in mine]
     masks = run.segment.submit(place, capture.name, prepared, config.segment)
-    scene = run.sfm.submit(place, capture.name, prepared, masks, config.sfm)
+    solved = run.sfm.submit(place, capture.name, prepared, masks, config.sfm)
+    before: tuple[tuple[str, Future], ...] = (("segment", masks), ("sfm", solved))
+    scene = solved
+    if config.segment.refine == "votes":
+        scene = run.agree.submit(place, capture.name, prepared, solved)
+        before = (*before, ("agree", scene))
     chains = []
     for cell in mine:
         splats = run.train.submit(place, cell, scene, config)
         scores = run.evaluate.submit(place, cell, scene, splats, config)
-        futures = (("segment", masks), ("sfm", scene), ("train", splats), ("evaluate", scores))
+        futures = (*before, ("train", splats), ("evaluate", scores))
         chains.append(Chain(cell, prepared, futures))
     return chains
 

@@ -6,6 +6,7 @@ from mattgs_ops.config import BenchmarkConfig
 from tasks.stage import Cell
 
 STAGES_OF_A_CAPTURE = 4  # prepare, segment, sfm; measure
+STAGES_OF_VOTES = 1  # agree
 STAGES_OF_AN_EXPERIMENT = 2  # train, evaluate
 
 
@@ -20,4 +21,5 @@ def count_stages(config: BenchmarkConfig) -> int:
     """Return how many stages the benchmark has when nothing fails."""
     captures = len(config.captures)
     experiments = captures * len(config.seeds) * len(config.conditions)
-    return STAGES_OF_A_CAPTURE * captures + STAGES_OF_AN_EXPERIMENT * experiments
+    shared = STAGES_OF_A_CAPTURE + STAGES_OF_VOTES * (config.segment.refine == "votes")
+    return shared * captures + STAGES_OF_AN_EXPERIMENT * experiments

@@ -38,6 +38,7 @@ STAGES: dict[str, tuple[str, ...]] = {
     "prepare": ("mattgs_ops.captures",),
     "segment": ("mattgs_ops.segment.infer",),
     "sfm": ("mattgs_ops.sfm",),
+    "agree": ("mattgs_ops.segment.agree",),
     "train": ("mattgs_ops.splat.train",),
     "evaluate": ("mattgs_ops.evaluate",),
     "measure": ("mattgs_ops.evaluate", "mattgs_ops.calibration"),

@@ -53,7 +53,11 @@ class SegmentConfig(Frozen):
     )
     model: Path | None = Field(None, description="an ONNX file; none means the bundled U²-NetP")
     threshold: float = Field(0.5, gt=0, lt=1)
-    refine: Literal["none", "grabcut", "votes"] = "grabcut"
+    refine: Literal["none", "grabcut", "votes"] = Field(
+        "votes",
+        description="votes: once cameras are known, all views vote on the masks of each; "
+        "grabcut: each photo by its colours; none: the map's threshold",
+    )
 
 
 class SfmConfig(Frozen):

@@ -11,7 +11,7 @@ from typing import Any
 
 from mattgs_ops.config import BenchmarkConfig, Condition
 from mattgs_ops.progress import Progress
-from tasks.row import Outcome
+from tasks.row import Outcome, scene_of
 from tasks.stage import Cell, Place, Stage, perform
 
 SPEED_FILE = "speed.json"
@@ -24,7 +24,7 @@ def measure(
     inputs: dict[str, str] = {}
     jobs: list[dict[str, str]] = []
     for outcome in outcomes:
-        scene, splats = outcome.artifacts["sfm"], outcome.artifacts["train"]
+        scene, splats = scene_of(outcome.artifacts), outcome.artifacts["train"]
         label = f"{outcome.cell.condition} seed {outcome.cell.seed}"
         inputs |= {f"{label} splats": splats.digest, f"{label} scene": scene.digest}
         jobs.append(

@@ -12,6 +12,7 @@ from prefect import Task, task
 from prefect.cache_policies import NO_CACHE
 from prefect.client.schemas.objects import State, TaskRun
 
+from tasks.agree import agree as agree_stage
 from tasks.evaluate import evaluate as evaluate_stage
 from tasks.measure import measure as measure_stage
 from tasks.prepare import prepare as prepare_stage
@@ -53,6 +54,7 @@ def _stage(function: Callable[..., Result], run_name: str) -> "Task[..., Result]
 prepare = _stage(prepare_stage, "prepare {capture.name}")
 segment = _stage(segment_stage, "segment {name}")
 sfm = _stage(sfm_stage, "sfm {name}")
+agree = _stage(agree_stage, "agree {name}")
 train = _stage(train_stage, "train {cell}")
 evaluate = _stage(evaluate_stage, "evaluate {cell}")
 measure = _stage(measure_stage, "measure {name}")

@@ -10,7 +10,7 @@ from mattgs_ops.scene import Scene
 from mattgs_ops.scene_example import example
 from tasks import registry, registry_promotion, registry_summary
 from tasks.registry_live import CURVE_FILE, read_curve
-from tasks.row import Row
+from tasks.row import Row, scene_of
 from tasks.stage import KEY_LETTERS, Artifact, Place, slug
 
 # Stage → what of its folder a run keeps → the folder in the run ("": the top)
@@ -25,6 +25,8 @@ KEPT = {
     },
     "segment": {"masks.json": ""},
     "sfm": {"scene.json": "scene", "points.npz": "scene", "sfm.png": "scene", "sfm.log": "logs"},
+    # where views voted, theirs are the masks and the points that trainings start from
+    "agree": {"masks.json": "", "scene.json": "scene", "points.npz": "scene"},
 }
 
 
@@ -105,7 +107,7 @@ def _files(place: Place, row: Row, artifacts: dict[str, Artifact]) -> Iterator[t
                 if (folder / name).exists():
                     yield folder / name, where
     if "sfm" in artifacts:
-        yield from _example(place.folder(artifacts["sfm"]))
+        yield from _example(place.folder(scene_of(artifacts)))
     yield from ((log, "logs") for log in _logs(place, row, artifacts))
 
 
@@ -120,7 +122,8 @@ def _example(folder: Path) -> Iterator[tuple[Path, str]]:
 def _logs(place: Place, row: Row, artifacts: dict[str, Artifact]) -> Iterator[Path]:
     """Yield the log of each stage; of one that failed the newest of its title."""
     cell = f"{row['capture']} {row['condition']} seed {row['seed']}"
-    owners = {"segment": row["capture"], "sfm": row["capture"], "train": cell, "evaluate": cell}
+    owners = dict.fromkeys(("segment", "sfm", "agree"), row["capture"])
+    owners |= {"train": cell, "evaluate": cell}
     for stage, owner in owners.items():
         title = slug(f"{stage} {owner}")
         if stage in artifacts:

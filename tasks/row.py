@@ -19,6 +19,7 @@ ARTIFACT_NAMES = {
     "prepare": "capture",
     "segment": "masks",
     "sfm": "scene",
+    "agree": "scene",
     "train": "train",
     "evaluate": "evaluate",
 }
@@ -80,17 +81,31 @@ def make_row(
         "registration": None,
         "masks": None,
         "provenance": _provenance(place, config, outcome),
-        "artifacts": {ARTIFACT_NAMES[name]: place.reference(a) for name, a in artifacts.items()},
+        "artifacts": _references(place, artifacts),
         "seconds": {name: round(a.seconds, 3) for name, a in artifacts.items()},
         "run_id": None,
     }
     if "segment" in artifacts:
-        row["masks"] = _masks(place.folder(artifacts["segment"]))
+        row["masks"] = _masks(place.folder(artifacts.get("agree", artifacts["segment"])))
     if "sfm" in artifacts:
         row["registration"] = _registration(place.folder(artifacts["sfm"]))
     if outcome.reason is None:
         row |= _scores(place, artifacts, speed)
     return row
+
+
+def scene_of(artifacts: Mapping[str, Artifact]) -> Artifact:
+    """Return the scene that trainings start from: with masks that agree, where views voted."""
+    return artifacts.get("agree", artifacts["sfm"])
+
+
+def _references(place: Place, artifacts: Mapping[str, Artifact]) -> dict[str, str]:
+    """Say where each stage's folder is; agreed masks lie in the scene they belong to."""
+    found = {ARTIFACT_NAMES[name]: place.reference(a) for name, a in artifacts.items()}
+    if "agree" in artifacts:
+        found |= {"masks": found["scene"], "saliency": place.reference(artifacts["segment"])}
+        found["solved"] = place.reference(artifacts["sfm"])
+    return found
 
 
 def running_row(place: Place, config: BenchmarkConfig, cell: Cell, prepared: Artifact) -> Row:

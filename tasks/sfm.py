@@ -1,5 +1,6 @@
 """Find cameras and sparse points (``mattgs_ops/sfm``)."""
 
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ def sfm(
         inputs={"capture": prepared.digest, "masks": masks.digest},
         arguments={
             "capture": str(place.folder(prepared)),
-            "masks": str(place.folder(masks) / "masks"),
+            "masks": str(place.folder(masks)),
             "config": config.model_dump(mode="json"),
         },
     )
@@ -32,11 +33,14 @@ def operate(arguments: dict[str, Any], out: Path, threads: int, progress: Progre
     from mattgs_ops.scene import PreparedCapture
     from mattgs_ops.sfm import reconstruct
 
+    masks = Path(arguments["masks"])
     reconstruct(
         PreparedCapture.load(Path(arguments["capture"])),
-        Path(arguments["masks"]),
+        masks / "masks",
         SfmConfig.model_validate(arguments["config"]),
         out,
+        soft=masks / "soft",
         threads=threads,
         progress=progress,
     )
+    shutil.copyfile(masks / "masks.json", out / "masks.json")

@@ -32,7 +32,6 @@ from mattgs_ops.scene import PreparedCapture, View
 from mattgs_ops.segment.network import BUNDLED_MODEL, SaliencyNetwork
 from mattgs_ops.segment.refine import grabcut, grabcut_seeded
 from mattgs_ops.segment.report import MaskReport, ViewReport, border_share, flags_of
-from mattgs_ops.segment.votes import blend, hulls, shrunk
 
 
 def segment(
@@ -69,7 +68,7 @@ def segment(
         progress(len(rows), len(capture.views), f"masks by {source}")
 
     if network is not None:
-        for view, soft in _soft_maps(capture, network, config, progress):
+        for view, soft in _soft_maps(capture, network):
             keep(view, soft, _binary(read_photo(view), soft, config))
     else:
         for view in capture.views:
@@ -80,7 +79,8 @@ def segment(
         ViewReport(row[2].name, row[1], () if source == "none" else flag, row[2].quality)
         for row, flag in zip(rows, flags, strict=True)
     )
-    refine = config.refine if source == "u2net" else "none"
+    # views vote later, in a stage of its own, when their cameras are known
+    refine = "grabcut" if source == "u2net" and config.refine == "grabcut" else "none"
     report = MaskReport(source, refine, network.digest if network else None, tuple(reports))
     report.save(out / "masks.json")
     return report
@@ -133,30 +133,8 @@ def read_photo(view: View) -> NDArray[np.uint8]:
 
 
 def _soft_maps(
-    capture: PreparedCapture, network: SaliencyNetwork, config: SegmentConfig, progress: Progress
+    capture: PreparedCapture, network: SaliencyNetwork
 ) -> Iterator[tuple[View, SoftMap]]:
-    """Yield each view's map; with ``votes`` all views are asked first."""
-    own = _own_maps(capture, network)
-    if config.refine != "votes":
-        yield from own
-        return
-    cameras = [view.camera for view in capture.views if view.camera is not None]
-    if capture.cameras_are != "given" or len(cameras) != len(capture.views):
-        raise InputError(
-            f"{capture.name}: `segment.refine` is `votes`: expected a capture that comes with a "
-            f"camera for each photo, found cameras for {len(cameras)} of {len(capture.views)} "
-            f"({capture.cameras_are}); use `grabcut` or `none`"
-        )
-    kept = []
-    for view, soft in own:  # held as bytes: a capture may have hundreds of photos
-        kept.append((view, np.rint(soft * 255).astype(np.uint8), shrunk(soft)))
-        progress(0, len(capture.views), f"voting: {len(kept)} maps")
-    agreed = hulls([small for _, _, small in kept], cameras)
-    for (view, packed, _), hull in zip(kept, agreed, strict=True):
-        yield view, blend((packed / np.float32(255)).astype(np.float32), hull)
-
-
-def _own_maps(capture: PreparedCapture, network: SaliencyNetwork) -> Iterator[tuple[View, SoftMap]]:
     for start in range(0, len(capture.views), network.batch):
         views = capture.views[start : start + network.batch]
         photos = [read_photo(view) for view in views]
@@ -165,7 +143,7 @@ def _own_maps(capture: PreparedCapture, network: SaliencyNetwork) -> Iterator[tu
 
 
 def _binary(photo: NDArray[np.uint8], soft: SoftMap, config: SegmentConfig) -> Mask:
-    refined = config.refine in ("grabcut", "votes")
+    refined = config.refine == "grabcut"
     return clean(grabcut_seeded(photo, soft) if refined else threshold(soft, config.threshold))
 
 

@@ -76,9 +76,9 @@ def largest_shift(lens: Lens) -> float:
 
 
 def write_views(
-    capture: PreparedCapture, masks: Path, model: SparseModel, out: Path
+    capture: PreparedCapture, masks: Path, model: SparseModel, out: Path, soft: Path | None = None
 ) -> tuple[tuple[View, ...], SparseModel, dict[str, Plane | None]]:
-    """Write photos and masks as the pinholes see them.
+    """Write photos, masks and, from the folder ``soft``, saliency maps as the pinholes see them.
 
     Returns the scene's views, the model with pinholes, and each view's plane. Views that were not
     registered keep their place, without a camera; their lens is that of photos of their size, None
@@ -86,6 +86,8 @@ def write_views(
     """
     (out / "photos").mkdir(parents=True, exist_ok=True)
     (out / "masks").mkdir(exist_ok=True)
+    if soft is not None:
+        (out / "soft").mkdir(exist_ok=True)
     planes = {number: plane_of(camera) for number, camera in model.cameras.items()}
     by_name = {image.name: image for image in model.images.values()}
     sizes = {(p.pinhole.width, p.pinhole.height): p for p in reversed(list(planes.values()))}
@@ -106,6 +108,9 @@ def write_views(
         else:
             _write(photo, plane.resample.photo(_read_photo(view)))
             _write(mask, plane.resample.mask(read_mask(masks, view)))
+        if soft is not None:
+            resample = None if plane is None else plane.resample
+            _write_soft(soft / mask.name, resample, out / "soft" / mask.name)
         views.append(replace(view, photo=photo, mask=mask, camera=camera))
         used[view.name] = plane
     return tuple(views), _pinholes(model, planes), used
@@ -146,6 +151,16 @@ def _pinholes(model: SparseModel, planes: dict[int, Plane]) -> SparseModel:
         for number, image in model.images.items()
     }
     return replace(model, cameras=cameras, images=images)
+
+
+def _write_soft(source: Path, resample: Undistortion | None, out: Path) -> None:
+    if resample is None:
+        shutil.copyfile(source, out)
+        return
+    grey = cv2.imread(str(source), cv2.IMREAD_COLOR)
+    if grey is None:
+        raise StageError(f"{source}: expected a readable saliency map")
+    _write(out, np.ascontiguousarray(resample.photo(np.asarray(grey, dtype=np.uint8))[..., 0]))
 
 
 def _read_photo(view: View) -> NDArray[np.uint8]:

@@ -38,13 +38,15 @@ def reconstruct(
     config: SfmConfig,
     out: Path,
     *,
+    soft: Path | None = None,
     threads: int = 1,
     progress: Progress = no_progress,
 ) -> Scene:
     """Write a scene folder to ``out`` and return the scene.
 
-    ``masks`` holds ``NAME.png`` for every view, 255 = object. ``threads`` serve extraction and
-    matching and never change a result. Besides the scene, ``out/sfm.log`` keeps COLMAP's log,
+    ``masks`` holds ``NAME.png`` for every view, 255 = object; ``soft``, where given, the saliency
+    maps under the same names, which then come along as ``out/soft``. ``threads`` serve extraction
+    and matching and never change a result. Besides the scene, ``out/sfm.log`` keeps COLMAP's log,
     ``out/keypoints.npz`` the key points (``names`` [V], ``counts`` [V], ``xy`` [K, 2] pixels of
     the scene's photos, ``inside`` [K]), ``out/points.ply`` the points and ``out/sfm.png`` a picture
     of it all.
@@ -63,7 +65,7 @@ def reconstruct(
         answer = run_worker(job, out / LOG_FILE, progress)
         _require(capture, answer, config)
         model = sparse.read_model(workspace / MODEL_FOLDER)
-        views, model, planes = assemble.write_views(capture, masks, model, out)
+        views, model, planes = assemble.write_views(capture, masks, model, out, soft)
         assemble.write_keypoints(workspace / KEYPOINTS_FILE, planes, out / KEYPOINTS_FILE)
     finally:
         shutil.rmtree(workspace, ignore_errors=True)

@@ -9,7 +9,6 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from mattgs_ops.camera import Camera, Intrinsics
 from mattgs_ops.config import SegmentConfig
 from mattgs_ops.errors import InputError, StageError
 from mattgs_ops.masks import quality
@@ -104,43 +103,6 @@ def test_grabcut_alone_and_as_refinement(tmp_path: Path, redness: Path, refine: 
         report = segment(source, settings, tmp_path / f"out{i}")
         assert report.mean_iou is not None
         assert report.mean_iou > 0.95
-
-
-def test_votes_need_given_cameras(tmp_path: Path, redness: Path) -> None:
-    with pytest.raises(
-        InputError, match=r"discs: `segment\.refine` is `votes`.*cameras for 0 of 3"
-    ):
-        segment(
-            capture(tmp_path / "in"), SegmentConfig(model=redness, refine="votes"), tmp_path / "out"
-        )
-
-
-def test_votes_mend_a_view_in_which_something_else_looks_like_the_object(
-    tmp_path: Path, redness: Path
-) -> None:
-    """Six cameras around a red ball; one photo has a second red thing in it."""
-    pinhole, views = Intrinsics(WIDTH, HEIGHT, 90.0, 90.0, 48.0, 36.0), []
-    for i in range(6):
-        mask = np.zeros((HEIGHT, WIDTH), np.uint8)
-        cv2.circle(mask, (48, 36), 15, 255, -1)
-        image = np.full((HEIGHT, WIDTH, 3), (90, 110, 40), np.uint8)  # BGR
-        image[mask > 0] = (20, 30, 220)
-        if i == 2:
-            image[10:30, 4:24] = (20, 30, 220)
-        photo, truth = tmp_path / f"v{i}.png", tmp_path / f"m{i}.png"
-        cv2.imwrite(str(photo), image)
-        cv2.imwrite(str(truth), mask)
-        angle = np.pi * i / 3
-        turn = np.array(
-            [[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]]
-        )
-        camera = Camera(pinhole, turn, np.array([0, 0, 3.0]))
-        views.append(View(f"v{i}.png", "train", WIDTH, HEIGHT, photo, truth, camera))
-    ball = PreparedCapture("ball", tmp_path, tuple(views), "truth", "given")
-    alone = segment(ball, SegmentConfig(model=redness), tmp_path / "alone")
-    voted = segment(ball, SegmentConfig(model=redness, refine="votes"), tmp_path / "voted")
-    assert alone.means()["worst_iou"] < 0.7
-    assert voted.means()["worst_iou"] > 0.9
 
 
 @pytest.mark.parametrize("masks_are", ["given", "alpha"])

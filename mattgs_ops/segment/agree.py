@@ -1,0 +1,260 @@
+"""Agreement between views: the saliency of all photos, voted on by splats, becomes their masks.
+
+A single photo's map leaks into clutter or misses a part, elsewhere in every photo. A short 3DGS
+training on the whole photos gives surfaces that all photos share. Each splat asks all views how
+salient the pixels are that it colours: Σ blending weight × map / Σ blending weight, from the
+rasteriser. The answers, rendered from each camera, are maps on which the views agree, with outlines
+as sharp as the splats'. What lies on or under the plane that the object stands on (``support``) is
+not object. Splats far in front of the object belong to nothing that stands there; they are left
+out, so that a floater before one camera does not hide the object from it.
+
+``agree(scene, capture, out)`` copies a scene with new masks, soft maps and votes of the points, and
+a new ``masks.json``. The scene's ``soft/`` and ``masks.json`` are those of the photos' own maps.
+"""
+
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from mattgs_ops import sparse
+from mattgs_ops.camera import Camera
+from mattgs_ops.config import Condition, MethodConfig, TrainConfig
+from mattgs_ops.errors import StageError
+from mattgs_ops.masks import Mask, SoftMap, clean, mask_name, quality, threshold
+from mattgs_ops.progress import Progress, no_progress
+from mattgs_ops.scene import PreparedCapture, Scene, View
+from mattgs_ops.segment import support
+from mattgs_ops.segment.report import MaskReport, ViewReport, border_share, flags_of
+from mattgs_ops.sfm.assemble import vote
+from mattgs_ops.splat.gaussians import Splats
+from mattgs_ops.splat.initialise import SH_C0
+from mattgs_ops.splat.optimise import select
+from mattgs_ops.splat.photos import size_at
+from mattgs_ops.splat.ply import read_ply
+from mattgs_ops.splat.rasterize import backward, render
+from mattgs_ops.splat.train import PLY, train
+
+ITERATIONS, RESOLUTION = 500, 256  # of the short training; masks gained nothing from more
+AGREED = 0.35  # of a splat's views' saliency; maps miss more of an object than they invent
+SURE = 0.5  # saliency that says where the object is
+REACH = 0.9  # share of the sure splats within the object's radius
+FRONT = 1.5  # radii before the object's middle, beyond which a splat is no part of it
+CONTACT = 0.04  # of the radius: height above the plane below which a splat is ground
+SOLID = 0.3  # opacity of splats that tell where surfaces are
+BLACK = (0.0, 0.0, 0.0)
+UNSEEN = 1e-6  # blending weight, pixels: such a splat was asked by nobody
+
+Floats = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where the object is: middle [3] and radius in world units, and the ground, if any."""
+
+    middle: NDArray[np.float64]
+    radius: float
+    ground: support.Plane | None
+
+
+def agree(
+    scene: Scene,
+    capture: PreparedCapture,
+    out: Path,
+    *,
+    threads: int = 1,
+    progress: Progress = no_progress,
+) -> Scene:
+    """Write the scene with masks that agree to ``out`` and return it.
+
+    Where the photos' maps share no object, or were not made by a network, the masks stay what they
+    were; ``extra["agreement"]`` says what happened. Unregistered views keep their masks.
+    """
+    shutil.copytree(scene.folder, out, dirs_exist_ok=True)
+    report = MaskReport.load(scene.folder / "masks.json")
+    if report.source != "u2net":
+        return _keep(scene, out, f"masks are {report.source}, nothing to vote on")
+    views = [view for view in scene.views if view.camera is not None]
+    maps = [_read(scene.folder / "soft" / mask_name(view.name)) for view in views]
+    splats = _surfaces(scene, views, out / "surfaces", threads, progress)
+    cameras = [_camera(view) for view in views]
+    with torch.no_grad():
+        labels, weights = ask(splats, cameras, maps, threads=threads)
+        place = locate(splats, labels, weights, cameras)
+        if place is None:
+            return _keep(scene, out, "the photos' maps share no object")
+        if place.ground is not None:
+            heights = place.ground.heights(splats.means.numpy().astype(np.float64))
+            labels = np.where(heights < CONTACT * place.radius, 0, labels).astype(np.float32)
+        shown = [show(splats, labels, camera, place, threads=threads) for camera in cameras]
+    by_name = {view.name: soft for view, soft in zip(views, shown, strict=True)}
+    return _write(scene, capture, out, report, by_name, place)
+
+
+def ask(
+    splats: Splats, cameras: Sequence[Camera], maps: Sequence[SoftMap], *, threads: int = 1
+) -> tuple[Floats, Floats]:
+    """Return each splat's mean saliency [N] in [0, 1] and the blending weight [N] behind it.
+
+    ``maps`` are [H, W] in [0, 1] of any size; they are shrunk to the cameras' sizes.
+    """
+    weight, total = torch.zeros(len(splats)), torch.zeros(len(splats))
+    for camera, soft in zip(cameras, maps, strict=True):
+        size = camera.intrinsics.width, camera.intrinsics.height
+        small = cv2.resize(soft, size, interpolation=cv2.INTER_AREA)
+        shown = render(splats, camera, BLACK, sh_degree=0, threads=threads)
+        asked = backward(shown, torch.zeros_like(shown.image), pixel_map=torch.from_numpy(small))
+        weight += asked.weight
+        total += asked.weighted_map
+    return (total / weight.clamp(min=UNSEEN)).numpy(), weight.numpy()
+
+
+def locate(
+    splats: Splats, labels: Floats, weights: Floats, cameras: Sequence[Camera]
+) -> Place | None:
+    """Find the object among the splats; None where no splat is salient to its views."""
+    xyz = splats.means.numpy().astype(np.float64)
+    solid = (torch.sigmoid(splats.opacity_logits).numpy() > SOLID) & (weights > UNSEEN)
+    sure = xyz[solid & (labels > SURE)]
+    if len(sure) < support.FEWEST_POINTS:
+        return None
+    middle = np.median(sure, axis=0)
+    radius = float(np.quantile(np.linalg.norm(sure - middle, axis=1), REACH))
+    distances = np.linalg.norm(xyz - middle, axis=1)
+    around = xyz[solid & (labels <= SURE) & (distances < support.REACH * radius)]
+    centres = np.array([camera.centre for camera in cameras])
+    return Place(middle, radius, support.find(around, radius, centres))
+
+
+def show(
+    splats: Splats, labels: Floats, camera: Camera, place: Place, *, threads: int = 1
+) -> SoftMap:
+    """Render labels [N] as a camera sees them, [H, W] in [0, 1], black where nothing is."""
+    _, depths = camera.project(splats.means.numpy().astype(np.float64))
+    _, middle = camera.project(place.middle[None])
+    index = torch.from_numpy(np.flatnonzero(depths > middle[0] - FRONT * place.radius))
+    kept = select(splats, index)
+    grey = torch.from_numpy(labels)[index][:, None].expand(-1, 3)
+    painted = replace(kept, sh_dc=((grey - 0.5) / SH_C0).contiguous())
+    image = render(painted, camera, BLACK, sh_degree=0, threads=threads).image
+    soft: SoftMap = image[..., 0].clamp(0, 1).numpy()
+    return soft
+
+
+def _surfaces(
+    scene: Scene, views: Sequence[View], folder: Path, threads: int, progress: Progress
+) -> Splats:
+    """Train for a short while on all registered photos, test views too: their masks are truth."""
+    everything = replace(scene, views=tuple(replace(view, split="train") for view in views))
+    train(
+        everything,
+        Condition(background="original", method="3dgs"),
+        MethodConfig(),
+        TrainConfig(checkpoint_every=0),
+        iterations=ITERATIONS,
+        resolution=RESOLUTION,
+        seed=0,
+        out=folder,
+        threads=threads,
+        progress=progress,
+    )
+    splats = read_ply(folder / PLY)
+    shutil.rmtree(folder)
+    return splats
+
+
+def _write(
+    scene: Scene,
+    capture: PreparedCapture,
+    out: Path,
+    before: MaskReport,
+    shown: dict[str, SoftMap],
+    place: Place,
+) -> Scene:
+    """Write masks, soft maps, votes of the points and both reports."""
+    old = {row.name: row for row in before.views}
+    truths = {view.name: view.mask for view in capture.views if capture.masks_are == "truth"}
+    rows, borders, kept = [], [], []
+    for view in scene.views:
+        soft = shown.get(view.name)
+        mask = None if soft is None else _mask(soft, view)
+        if soft is None or mask is None or not mask.any():
+            kept.append(view.name)
+            rows.append(old[view.name])
+            borders.append(0.0)
+            continue
+        full = cv2.resize(soft, (view.width, view.height), interpolation=cv2.INTER_LINEAR)
+        _save(out / "masks" / mask_name(view.name), mask)
+        _save(out / "soft" / mask_name(view.name), np.rint(full * 255).astype(np.uint8))
+        truth = truths.get(view.name)
+        scored = None if truth is None else quality(mask, _bytes(truth), full)
+        rows.append(ViewReport(view.name, float((mask > 0).mean()), (), scored))
+        borders.append(border_share(mask))
+    flags = flags_of([row.foreground for row in rows], borders)
+    reports = tuple(replace(row, flags=flag) for row, flag in zip(rows, flags, strict=True))
+    MaskReport(before.source, "votes", before.model, reports).save(out / "masks.json")
+    agreed = _moved(scene, out)
+    points = vote(agreed.views, sparse.read_model(out / "sparse" / "0"))
+    extra = dict(scene.extra) | {
+        "object_points": len(sparse.on_object(points).xyz),
+        "agreement": {
+            "kept": kept,
+            "ground_share": None if place.ground is None else round(place.ground.share, 4),
+            "mean_iou_before": before.mean_iou,
+        },
+    }
+    done = replace(agreed, extra=extra)
+    done.save(points)
+    return done
+
+
+def _keep(scene: Scene, out: Path, reason: str) -> Scene:
+    shutil.rmtree(out / "surfaces", ignore_errors=True)
+    kept = replace(_moved(scene, out), extra=dict(scene.extra) | {"agreement": {"none": reason}})
+    kept.save(scene.points())
+    return kept
+
+
+def _moved(scene: Scene, out: Path) -> Scene:
+    """Return the scene as it is in its new folder."""
+    views = tuple(
+        replace(
+            view,
+            photo=out / view.photo.relative_to(scene.folder),
+            mask=None if view.mask is None else out / view.mask.relative_to(scene.folder),
+        )
+        for view in scene.views
+    )
+    return replace(scene, folder=out, views=views)
+
+
+def _mask(soft: SoftMap, view: View) -> Mask:
+    full = cv2.resize(soft, (view.width, view.height), interpolation=cv2.INTER_CUBIC)
+    return clean(threshold(full, AGREED))
+
+
+def _camera(view: View) -> Camera:
+    if view.camera is None:
+        raise StageError(f"{view.name}: expected a camera")
+    return view.camera.scaled(*size_at(view.width, view.height, RESOLUTION))
+
+
+def _read(path: Path) -> SoftMap:
+    return (_bytes(path) / np.float32(255)).astype(np.float32)
+
+
+def _bytes(path: Path) -> NDArray[np.uint8]:
+    pixels = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    if pixels is None:
+        raise StageError(f"{path}: expected a readable image")
+    return np.asarray(pixels, dtype=np.uint8)
+
+
+def _save(path: Path, pixels: NDArray[np.uint8]) -> None:
+    if not cv2.imwrite(str(path), pixels):
+        raise StageError(f"{path}: could not be written")

@@ -19,7 +19,7 @@ from reports.splat_view import LEAST_ALPHA, nearest_point
 
 PHOTO_WIDTH = 240  # pixels of a photo in its frustum
 FRUSTUM_SHARE = 0.06  # length of a frustum, of the cameras' distance from what they look at
-STEP_BACK = 1.6  # of the first camera's distance: its own photo must not hide the splats
+STEP_BACK = 1.6  # of the first camera's distance, and higher: its photo must not hide the splats
 LINE = 1.5  # pixels
 COLOURS = {"train": (90, 110, 130), "test": (213, 94, 0)}
 
@@ -72,8 +72,10 @@ def _add_cameras(server: Any, scene: Scene, photos: Mapping[str, Path]) -> None:
     target = nearest_point(centres, np.stack([camera.rotation[2] for camera in cameras]))
     length = FRUSTUM_SHARE * float(np.linalg.norm(centres - target, axis=1).mean())
     up = -np.stack([camera.rotation[1] for camera in cameras]).mean(axis=0)
-    server.scene.set_up_direction(tuple(up / np.linalg.norm(up)))
-    server.initial_camera.position = tuple(target + STEP_BACK * (centres[0] - target))
+    up /= np.linalg.norm(up)
+    server.scene.set_up_direction(tuple(up))
+    back = STEP_BACK * (centres[0] - target)
+    server.initial_camera.position = tuple(target + back + up * np.linalg.norm(back) / 3)
     server.initial_camera.look_at = tuple(target)
     for view in views:
         _add_camera(server, view, photos.get(view.name), length)

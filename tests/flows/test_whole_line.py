@@ -17,6 +17,7 @@ import pytest
 import mattgs_ops
 from mattgs_ops import evaluate
 from mattgs_ops.config import PAPER_CONDITIONS, Condition
+from mattgs_ops.metrics import METRICS
 from mattgs_ops.scene import Scene
 from mattgs_ops.splat.initialise import initial_splats, starting_points
 from mattgs_ops.splat.photos import store_views
@@ -78,6 +79,7 @@ def test_every_condition_finishes_and_is_in_the_registry(rows: Rows) -> None:
     for row in rows.values():
         assert row["status"] == "finished", row["reason"]
         assert row["run_id"]
+        assert row["metrics"].keys() <= METRICS.keys(), "every number is in the table of metrics"
         assert row["masks"]["source"] == "u2net"
         assert row["registration"]["registered"] >= VIEWS - 1
 

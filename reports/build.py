@@ -32,9 +32,9 @@ def build(
 
     ``artifacts_root`` is the folder that rows' artifacts are relative to; without it (or where an
     artifact is not on this disk) the pictures are left out and listed as missing. ``summary`` is
-    printed under the title as label and value. ``baselines`` are the rows of the promoted runs,
-    which are marked and compared with. Raises :class:`InputError` for rows that do not
-    say which cell they belong to.
+    printed under the title as label and value; None: the rows' settings and machines.
+    ``baselines`` are the rows of the promoted runs, which are marked and compared with. Raises
+    :class:`InputError` for rows that do not say which cell they belong to.
     """
     rows = promoted.mark(rows, baselines)
     wrong = problems(rows)
@@ -55,7 +55,7 @@ def build(
     html = page.render(
         title=title,
         summary=line,
-        facts=dict(summary or {}),
+        facts=dict(verdict.facts(good) if summary is None else summary),
         verdicts=judged,
         tables=tables,
         figures=drawn,

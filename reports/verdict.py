@@ -186,3 +186,17 @@ def summary_line(rows: Sequence[Row]) -> str:
         f"{len(finished)} of {len(rows)} experiments finished; "
         f"{columns.duration(total)} of training in all."
     )
+
+
+def facts(rows: Sequence[Row]) -> dict[str, str]:
+    """Say under what settings and on what machines the rows came about; label and value."""
+    rows = refused(rows)
+    origins = [row.get("provenance") or {} for row in rows if row["status"] == "finished"]
+    found = {
+        "Iterations": {f"{int(row['iterations']):,}" for row in rows},
+        "Longest side": {f"{row['resolution']} px" for row in rows},
+        "Seeds": {str(row["seed"]) for row in rows},
+        "CPU": {str(origin["cpu"]) for origin in origins if origin.get("cpu")},
+        "Threads per training": {str(o["threads"]) for o in origins if o.get("threads")},
+    }
+    return {label: ", ".join(sorted(values)) for label, values in found.items() if values}

@@ -97,3 +97,14 @@ def test_a_gain_is_called_one_only_beyond_doubt(make_row: Callable[..., Row]) ->
 def test_without_3dgs_there_is_nothing_to_compare(make_row: Callable[..., Row]) -> None:
     (found,) = verdict.verdicts([make_row("rover", "nobg", "ours")])
     assert found.headline == "Rover: nothing to compare."
+
+
+def test_the_page_says_under_what_settings_it_came_about(make_row: Callable[..., Row]) -> None:
+    rows = [make_row("rover", "nobg", "ours", seed) for seed in (1, 0)]
+    assert verdict.facts(rows) == {
+        "Iterations": "1,000",
+        "Longest side": "320 px",
+        "Seeds": "0, 1",
+        "CPU": "A CPU",
+        "Threads per training": "1",
+    }

@@ -98,6 +98,7 @@ class Starting:
         self._mlflow.finish()
         if self._server is not None:
             self._server.wait()
+            self._server.follow()
         return Services(api, self._tracking, scheduler, dashboard)
 
 

@@ -15,6 +15,7 @@ import socket
 import sqlite3
 import subprocess
 import sys
+import threading
 import time
 import urllib.error
 import urllib.request
@@ -28,6 +29,7 @@ from tasks.stage_process import die_with_parent
 
 START_SECONDS = 180.0  # a fresh database takes up to 40 s on a busy machine
 POLL_SECONDS = 0.1
+EXIT_FAILED = 1
 
 
 class PrefectServer:
@@ -37,6 +39,7 @@ class PrefectServer:
         home.mkdir(parents=True, exist_ok=True)
         log.parent.mkdir(parents=True, exist_ok=True)
         self._log = log
+        self._stopping = False
         self._database = home / "prefect.db"
         self._fresh = not self._database.exists() and not _copied(self._database)
         self._address = home / "server.url"
@@ -64,6 +67,21 @@ class PrefectServer:
         if self._fresh:
             _keep(self._database)
 
+    def follow(self) -> None:
+        """End this process, at once, should the server end before :meth:`stop`.
+
+        Prefect's client would try to reach it for many minutes. Nothing is lost: the same command
+        goes on from here, as after a kill.
+        """
+        threading.Thread(target=self._follow, daemon=True).start()
+
+    def _follow(self) -> None:
+        self._process.wait()
+        if not self._stopping:
+            text = "mattgs: the Prefect server ended; the same command goes on from here; log: "
+            os.write(sys.stderr.fileno(), f"{text}{self._log}\n".encode())
+            os._exit(EXIT_FAILED)
+
     def _wait_for(self, happened: Callable[[], bool]) -> None:
         end = time.monotonic() + START_SECONDS
         while not happened():
@@ -73,6 +91,7 @@ class PrefectServer:
 
     def stop(self) -> None:
         """End the server."""
+        self._stopping = True
         self._process.terminate()
         try:
             self._process.wait(timeout=10)

@@ -25,6 +25,31 @@ time.sleep(600)
 """
 
 
+FOLLOWER = """
+import sys, time
+from pathlib import Path
+from flows.prefect_server import PrefectServer
+server = PrefectServer(Path(sys.argv[1]), Path(sys.argv[1]) / "log")
+server.follow()
+print("follows", flush=True)
+time.sleep(600)
+"""
+
+
+def test_a_flow_does_not_outlive_its_server(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", FOLLOWER, str(tmp_path)]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, env=environment) as flow:
+        assert flow.stdout is not None
+        assert flow.stdout.readline() == "follows\n"
+        (server,) = psutil.Process(flow.pid).children()
+        server.kill()
+        _, told = flow.communicate(timeout=60)
+    assert flow.returncode == 1
+    assert told.startswith("mattgs: the Prefect server ended; the same command goes on")
+
+
 def runs(database: Path) -> int:
     with closing(sqlite3.connect(database)) as connection:
         return int(connection.execute("SELECT count(*) FROM flow_run").fetchone()[0])

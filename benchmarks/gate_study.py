@@ -11,7 +11,8 @@ losses of 0.3 dB, 10 % speed and 10 % size. Runs that lie in OUT are used, not r
 import argparse
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from itertools import combinations
 from pathlib import Path
 
@@ -25,7 +26,7 @@ from mattgs_ops.segment.report import MaskReport
 from mattgs_ops.splat import _engine
 from reports import baseline, speed
 from reports.rows import Row, read_rows
-from reports.self_check import self_check, told
+from reports.self_check import caught_by_size, lose_quality, lose_speed, self_check, told
 
 COMPARISONS = 400
 OTHER_THREADS = 2
@@ -94,6 +95,24 @@ def speed_spread(runs: Sequence[Sequence[Row]]) -> str:
     return "\n".join(lines)
 
 
+def losses(
+    runs: Sequence[Sequence[Row]], aspect: str, comparisons: int, noise: Mapping[str, float]
+) -> str:
+    """Tabulate what share of losses of several sizes is caught."""
+    quality = aspect == "quality"
+    sizes = (0.3, 0.5, 0.75, 1.0) if quality else (0.1, 0.2, 0.5, 1.0)
+    plants = (
+        [partial(lose_quality, decibels=size) for size in sizes]
+        if quality
+        else [partial(lose_speed, share=size) for size in sizes]
+    )
+    found = caught_by_size(runs, aspect, plants, comparisons=comparisons, noise=noise)
+    names = [f"{size} dB" if quality else f"{size:.0%} slower" for size in sizes]
+    shares = [f"{share:.1%}" for share in found]
+    lines = [["planted", *names], ["---", *["--:"] * len(sizes)], ["caught", *shares]]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
 def _log_speed(row: Row, metric: str) -> float:
     return float(np.median(np.log(list(speed.calibrated(row, metric).values()))))
 
@@ -114,11 +133,13 @@ def main() -> int:
     print(speed_spread(same))
     found = self_check(same, comparisons=options.comparisons)
     print(f"\nOne machine. {told(found)}")
+    print("\n" + losses(same, "cost", options.comparisons // 2, {}))
     if others:
         unlike = [same[0], *(read_rows(path) for path in others)]
         noise = baseline.measured_noise(unlike)
         print("\nAnother machine: noise", ", ".join(f"{k} {v:.2g}" for k, v in noise.items()))
         print("\n" + told(self_check(unlike, comparisons=options.comparisons, noise=noise)))
+        print("\n" + losses(unlike, "quality", options.comparisons // 2, noise))
     return 0 if found.trusted else 1
 
 

@@ -106,6 +106,26 @@ def self_check(
     )
 
 
+def caught_by_size(
+    runs: Sequence[Sequence[Row]],
+    aspect: str,
+    plants: Sequence[Callable[[Row], Row]],
+    *,
+    comparisons: int = LEAST,
+    seed: int = 0,
+    noise: Mapping[str, float] | None = None,
+) -> list[float]:
+    """Return, for each planted loss, the share of resampled comparisons that call it worse."""
+    experiments = _experiments(runs)
+    alarmed, rates = _worse(aspect), []
+    for plant in plants:
+        rng = np.random.default_rng(seed)
+        drawn = [resample(experiments, rng) for _ in range(comparisons)]
+        hits = [alarmed(compare([plant(r) for r in new], old, noise=noise)) for new, old in drawn]
+        rates.append(float(np.mean(hits)))
+    return rates
+
+
 def _experiments(runs: Sequence[Sequence[Row]]) -> list[Experiments]:
     found: list[Experiments] = [
         {(key_of(row), row["seed"]): row for row in refused(rows) if row["status"] == "finished"}

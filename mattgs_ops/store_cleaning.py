@@ -56,7 +56,7 @@ def in_use(store: Store) -> Iterator[None]:
 def clean(
     store: Store, kept: Collection[str], *, unused_since: float, dry_run: bool = False
 ) -> list[Removal]:
-    """Remove all artifacts but those in ``kept`` (keys), left work folders and idle locks.
+    """Remove all artifacts but ``kept`` (keys) and what these were made of, left work, idle locks.
 
     Only what nobody asked for since ``unused_since`` (seconds since the epoch) is removed. Returns
     what was removed, or with ``dry_run`` what would be.
@@ -64,7 +64,7 @@ def clean(
     if not store.root.is_dir():
         return []
     limit = min(unused_since, time.time(), _oldest_user(store, dry_run)) - CLOCK_SLACK
-    keep = set(kept) | _summaries(store, kept)
+    keep = _all_kept(store, kept)
     found = list(_artifacts(store, keep)) + list(_work(store))
     removed = [one for one in found if _remove(store, one, limit, dry_run)]
     return removed + _remove_locks(store, {one.name for one in removed}, limit, dry_run)
@@ -107,12 +107,23 @@ def _work(store: Store) -> Iterator[Removal]:
         yield Removal("work folder", f"{WORK}/{place.name}", _size(place))
 
 
-def _summaries(store: Store, kept: Collection[str]) -> set[str]:
-    """Return the keys of summaries of nothing but kept artifacts."""
-    digests = {_manifest(store, key).get("digest") for key in kept}
-    keys = [f"{s}/{place.name}" for s in SUMMARIES for place in (store.root / s).glob("*")]
-    inputs = {key: set(_manifest(store, key).get("inputs", {}).values()) for key in keys}
-    return {key for key, needed in inputs.items() if needed and needed <= digests}
+def _all_kept(store: Store, kept: Collection[str]) -> set[str]:
+    """Return ``kept``, all that it was made of, and the summaries of nothing else."""
+    keys = [f"{stage.name}/{place.name}" for stage in _stages(store) for place in stage.iterdir()]
+    manifests = {key: _manifest(store, key) for key in keys}
+    inputs = {key: set(m.get("inputs", {}).values()) for key, m in manifests.items()}
+    makers: dict[str, list[str]] = {}
+    for key, manifest in manifests.items():
+        makers.setdefault(str(manifest.get("digest")), []).append(key)
+    found, waiting = set(kept), list(kept)
+    while waiting:
+        for digest in inputs.get(waiting.pop(), ()):
+            new = [key for key in makers.get(digest, ()) if key not in found]
+            found.update(new)
+            waiting += new
+    digests = {manifests[key].get("digest") for key in found if key in manifests}
+    summaries = (key for key in keys if key.partition("/")[0] in SUMMARIES)
+    return found | {key for key in summaries if inputs[key] and inputs[key] <= digests}
 
 
 def _manifest(store: Store, key: str) -> dict[str, Any]:

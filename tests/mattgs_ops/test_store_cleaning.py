@@ -119,6 +119,16 @@ def test_a_killed_benchmark_keeps_nothing(store: Store) -> None:
     assert not list((store.root / "users").iterdir())
 
 
+def test_what_kept_results_were_made_of_stays(store: Store) -> None:
+    first = make(store, key("sfm", "first"), "first")
+    second = make(store, key("agree", "second", scene=first.digest), "second")
+    last = make(store, key("train", "last", scene=second.digest), "last")
+    age(store)
+    assert set(names(store, kept=(last.key,))) >= {LOST, KEPT}
+    for one in (first, second, last):
+        assert store.require(one.key) == one
+
+
 def test_measurements_stay_with_what_was_measured(store: Store) -> None:
     of_kept = key("measure", "a", splats=store.require(KEPT).digest)
     of_both = key("measure", "b", one=store.require(KEPT).digest, two=store.require(LOST).digest)

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from mattgs_ops.errors import InputError
+from mattgs_ops.errors import InputError, StageError
 from reports.tolerances import Doubt
 
 DEFAULT_OUT = Path("mattgs-out")
@@ -72,8 +72,13 @@ def gate(
         raise InputError("--baseline: expected a file, a name or an alias (or --self-check)")
     else:
         from flows import judge
+        from reports.gate_findings import Exit
 
-        name = _named(benchmark, config, out)
+        try:
+            name = _named(benchmark, config, out)
+        except StageError as error:  # nothing ran, so nothing can be judged: 1 is for regressions
+            typer.echo(f"mattgs: {error}", err=True)
+            raise typer.Exit(Exit.CANNOT_JUDGE) from error
         text, code = judge.judge(out.resolve(), name, against, doubt=doubt)
     typer.echo(text)
     raise typer.Exit(code)

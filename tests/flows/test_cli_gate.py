@@ -12,7 +12,7 @@ from flows import run as running
 from flows.cli import app
 from flows.grid import cells
 from mattgs_ops.config import BenchmarkConfig, load_toml
-from mattgs_ops.errors import InputError
+from mattgs_ops.errors import InputError, StageError
 from reports import baseline
 from tasks.capture_files import capture_digest
 from tasks.row import config_digest
@@ -103,6 +103,18 @@ def test_a_configuration_is_run_before_it_is_judged(
     done = mattgs("gate", "--baseline", "quick-ci", "--config", CONFIG, "--out", tmp_path)
     assert done.exit_code == 0, done.output
     assert [config.name for config in seen] == ["quick-ci"]
+
+
+def test_a_benchmark_that_cannot_run_is_no_regression(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def run_benchmark(config: BenchmarkConfig, out: Path) -> bool:
+        raise StageError(f"{config.name}: no server could be started for {out.name}")
+
+    monkeypatch.setattr(running, "run_benchmark", run_benchmark)
+    done = mattgs("gate", "--baseline", "quick-ci", "--config", CONFIG, "--out", tmp_path)
+    assert done.exit_code == 2
+    assert "no server could be started" in done.output
 
 
 @pytest.mark.parametrize(

@@ -24,6 +24,7 @@ STAGES = {
     "prepare": "Prepare",
     "segment": "Segment",
     "sfm": "SfM",
+    "agree": "Masks agree",
     "train": "Train",
     "evaluate": "Evaluate",
 }
@@ -84,10 +85,11 @@ def _quality_entries(row: Row) -> tuple[Entry, ...]:
 
 def cost_table(rows: Sequence[Row]) -> Table | None:
     """Seconds per stage as the run measured them, and the size of what came out."""
-    shown = [Column(stage, label, 0, "time") for stage, label in STAGES.items()]
     mine = [cell for cell in cells(rows) if any(row.get("seconds") for row in cell.finished)]
     if not mine:
         return None
+    taken = {stage for row in finished_of(mine) for stage in row.get("seconds") or {}}
+    shown = [Column(name, label, 0, "time") for name, label in STAGES.items() if name in taken]
     holes: list[str] = []
 
     def values_of(row: Row, key: str) -> Any:

@@ -4,9 +4,10 @@ A single photo's map leaks into clutter or misses a part, elsewhere in every pho
 training on the whole photos gives surfaces that all photos share. Each splat asks all views how
 salient the pixels are that it colours: Σ blending weight × map / Σ blending weight, from the
 rasteriser. The answers, rendered from each camera, are maps on which the views agree, with outlines
-as sharp as the splats'. What lies on or under the plane that the object stands on (``support``) is
-not object. Splats far in front of the object belong to nothing that stands there; they are left
-out, so that a floater before one camera does not hide the object from it.
+as sharp as the splats'. Splats are asked once more about these maps, with doubt taken out, which
+spreads what most views say to the parts that few are sure of. What lies on or under the plane that
+the object stands on (``support``) is not object. Splats far in front of the object belong to
+nothing that stands there; they are left out, so that a floater before a camera hides nothing.
 
 ``agree(scene, capture, out)`` copies a scene with new masks, soft maps and votes of the points, and
 a new ``masks.json``. The scene's ``soft/`` and ``masks.json`` are those of the photos' own maps.
@@ -41,10 +42,13 @@ from mattgs_ops.splat.rasterize import backward, render
 from mattgs_ops.splat.train import PLY, train
 
 ITERATIONS, RESOLUTION = 500, 256  # of the short training; masks gained nothing from more
-AGREED = 0.35  # of a splat's views' saliency; maps miss more of an object than they invent
+# What the first round's answers count for in the second: nothing, everything, in between a share.
+# Single maps miss more of an object than they invent, so little agreement is enough.
+FIRST_NO, FIRST_YES = 0.125, 0.375
+AGREED = 0.45  # of the second round's answers
 SURE = 0.5  # saliency that says where the object is
 REACH = 0.9  # share of the sure splats within the object's radius
-FRONT = 1.5  # radii before the object's middle, beyond which a splat is no part of it
+FRONT = 2.0  # radii before the object's middle, beyond which a splat is no part of it
 CONTACT = 0.04  # of the radius: height above the plane below which a splat is ground
 SOLID = 0.3  # opacity of splats that tell where surfaces are
 BLACK = (0.0, 0.0, 0.0)
@@ -88,9 +92,10 @@ def agree(
         place = locate(splats, labels, weights, cameras)
         if place is None:
             return _keep(scene, out, "the photos' maps share no object")
-        if place.ground is not None:
-            heights = place.ground.heights(splats.means.numpy().astype(np.float64))
-            labels = np.where(heights < CONTACT * place.radius, 0, labels).astype(np.float32)
+        labels = standing(splats, labels, place)
+        first = [show(splats, labels, camera, place, threads=threads) for camera in cameras]
+        again, _ = ask(splats, cameras, [surer(soft) for soft in first], threads=threads)
+        labels = standing(splats, again, place)
         shown = [show(splats, labels, camera, place, threads=threads) for camera in cameras]
     by_name = {view.name: soft for view, soft in zip(views, shown, strict=True)}
     return _write(scene, capture, out, report, by_name, place)
@@ -129,6 +134,20 @@ def locate(
     around = xyz[solid & (labels <= SURE) & (distances < support.REACH * radius)]
     centres = np.array([camera.centre for camera in cameras])
     return Place(middle, radius, support.find(around, radius, centres))
+
+
+def standing(splats: Splats, labels: Floats, place: Place) -> Floats:
+    """Return the labels [N], 0 for what lies on the ground or under it, if there is ground."""
+    if place.ground is None:
+        return labels
+    heights = place.ground.heights(splats.means.numpy().astype(np.float64))
+    return np.where(heights < CONTACT * place.radius, 0, labels).astype(np.float32)
+
+
+def surer(soft: SoftMap) -> SoftMap:
+    """Stretch a map of first answers [H, W] so that doubt is left only between the two bounds."""
+    stretched: SoftMap = (soft - np.float32(FIRST_NO)) / np.float32(FIRST_YES - FIRST_NO)
+    return stretched.clip(0, 1)
 
 
 def show(

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from mattgs_ops.camera import Camera, Intrinsics
-from mattgs_ops.segment.agree import AGREED, CONTACT, Place, ask, locate, show
+from mattgs_ops.segment.agree import AGREED, Place, ask, locate, show, standing, surer
 from mattgs_ops.splat.gaussians import Splats
 
 WIDTH, HEIGHT, VIEWS = 96, 72, 10
@@ -90,8 +90,9 @@ def agreed(splats: Splats, cameras: list[Camera]) -> tuple[list[np.ndarray], Pla
     place = locate(splats, labels, weights, cameras)
     assert place is not None
     assert place.ground is not None
-    heights = place.ground.heights(splats.means.numpy().astype(float))
-    labels = np.where(heights < CONTACT * place.radius, 0, labels).astype(np.float32)
+    labels = standing(splats, labels, place)
+    first = [surer(show(splats, labels, camera, place)) for camera in cameras]
+    labels = standing(splats, ask(splats, cameras, first)[0], place)
     return [show(splats, labels, camera, place) for camera in cameras], place
 
 
@@ -132,3 +133,8 @@ def test_maps_that_show_nothing_locate_nothing() -> None:
     maps = [np.zeros((HEIGHT, WIDTH), np.float32)] * VIEWS
     splats = scene_of_splats()
     assert locate(splats, *ask(splats, cameras, maps), cameras) is None
+
+
+def test_doubt_is_taken_out_of_first_answers() -> None:
+    first = np.array([0, 0.125, 0.25, 0.375, 1], np.float32)
+    np.testing.assert_allclose(surer(first), [0, 0, 0.5, 1, 1], atol=1e-6)

@@ -6,7 +6,7 @@ from typing import Any
 from reports import columns, paper
 from reports.columns import Column
 from reports.formats import Entry, Group, Line, Table
-from reports.rows import Row, background_name, cells, refused
+from reports.rows import Row, background_name, capture_name, cells, refused
 from reports.tables import (
     HOLE,
     by_capture,
@@ -35,7 +35,11 @@ def quality_table(rows: Sequence[Row]) -> Table | None:
     shown = (
         Column("registered", "Registered", +1, "text"),
         Column("missing", "Test views missing", -1, "text"),
+        Column("keypoints", "Key points", 0, "text"),
+        Column("masked", "In masks", 0, "text"),
+        Column("matches", "Matches", 0, "text"),
         Column("points", "Sparse points", 0, "text"),
+        Column("on_object", "On the object", 0, "text"),
         Column("mode", "SfM mode", 0, "text"),
         Column("source", "Masks from", 0, "text"),
         Column("mean_iou", "Mask IoU", +1, "text"),
@@ -60,6 +64,7 @@ def quality_table(rows: Sequence[Row]) -> Table | None:
             "A test view that SfM could not register is a failure of that view, not a smaller test "
             "set; mask IoU is known only where the exact mask is."
         ),
+        *_incidents(rows),
     )
     heads = tuple(column.heading for column in shown)
     keys = tuple(column.key for column in shown)
@@ -67,16 +72,43 @@ def quality_table(rows: Sequence[Row]) -> Table | None:
     return Table("table-inputs", title, heads, keys, tuple(groups), notes, "Background", False)
 
 
+def _incidents(rows: Sequence[Row]) -> list[str]:
+    """Say, once per capture, which steps beyond the usual were taken and which views were lost."""
+    told: dict[str, None] = {}
+    for row in rows:
+        registration, name = row.get("registration") or {}, capture_name(row["capture"])
+        for step in registration.get("fallbacks") or ():
+            told[f"{name}: {step}."] = None
+        for view in registration.get("lost") or ():
+            counts = f"{view['keypoints']} key points, {view['masked']} of them in its mask"
+            told[f"{name}: {view['name']} was not registered; it has {counts}."] = None
+        reason = (registration.get("agreement") or {}).get("none")
+        if reason:
+            told[f"{name}: masks were not voted on: {reason}."] = None
+    return list(told)
+
+
+def _count(number: object) -> Entry:
+    return (
+        HOLE if not isinstance(number, int) else Entry(columns.text("count", number), value=number)
+    )
+
+
 def _quality_entries(row: Row) -> tuple[Entry, ...]:
     registration = row.get("registration") or {}
     masks = row.get("masks") or {}
     found, asked = registration.get("registered"), registration.get("views")
-    iou, points = masks.get("mean_iou"), registration.get("points")
+    iou, keypoints = masks.get("mean_iou"), registration.get("keypoints") or {}
+    matches = registration.get("matches") or {}
     missing = registration.get("missing") or []
     return (
         HOLE if found is None else Entry(f"{found} of {asked}", value=found),
         Entry(str(len(missing)), value=len(missing)),
-        HOLE if points is None else Entry(columns.text("count", points), value=points),
+        _count(keypoints.get("original")),
+        _count(keypoints.get("masked")),
+        _count(sum(matches.values()) if matches else None),
+        _count(registration.get("points")),
+        _count(registration.get("object_points")),
         Entry(str(registration.get("mode") or "–")),
         Entry(str(masks.get("source") or "–")),
         HOLE if iou is None else Entry(columns.text("share", iou), value=iou),

@@ -177,11 +177,16 @@ def _masks(folder: Path) -> dict[str, Any]:
 
 
 def _registration(folder: Path) -> dict[str, Any]:
-    """Return what structure-from-motion reported; ``missing`` names test views without a pose."""
+    """Return what structure-from-motion reported.
+
+    ``missing`` names test views without a pose, ``unregistered`` all views without one, and
+    ``lost`` says how many key points each of those had.
+    """
     scene = _read(folder / "scene.json")
     lost = [view for view in scene["views"] if view["camera"] is None]
     missing = [view["name"] for view in lost if view["split"] == "test"]
-    return {**scene["extra"], "missing": missing, "unregistered": [view["name"] for view in lost]}
+    names = {"missing": missing, "unregistered": [view["name"] for view in lost]}
+    return {**scene["extra"], **names, "lost": scene["extra"].get("missing", [])}
 
 
 def _read(path: Path) -> dict[str, Any]:

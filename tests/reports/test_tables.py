@@ -178,6 +178,31 @@ def test_side_tables_cover_masks_inputs_cost_and_runs(make_grid: Callable[..., l
     assert "c0ffee" in formats.markdown(found["table-runs"])
 
 
+def test_the_inputs_table_tells_of_fallbacks_and_lost_views(
+    make_grid: Callable[..., list[Row]],
+) -> None:
+    rows = make_grid()
+    for row in rows:
+        row["registration"] |= {
+            "keypoints": {"original": 4000, "masked": 900},
+            "matches": {"whole": 700, "masked guided": 50},
+            "fallbacks": ["too few key points inside masks: lower peak threshold"],
+            "lost": [{"name": "0007.jpg", "keypoints": 31, "masked": 4}],
+            "agreement": {"none": "masks are given, nothing to vote on"},
+        }
+    (table,) = (t for t in side_tables.all_tables(rows) if t.slug == "table-inputs")
+    text = formats.markdown(table)
+    for number in ("4,000", "900", "750"):
+        assert f" {number} |" in text
+    first = rows[0]["capture"]
+    told = [note for note in table.notes if note.lower().startswith(first)]
+    assert [note.partition(": ")[2] for note in told] == [
+        "too few key points inside masks: lower peak threshold.",
+        "0007.jpg was not registered; it has 31 key points, 4 of them in its mask.",
+        "masks were not voted on: masks are given, nothing to vote on.",
+    ], "once per capture, not once per row"
+
+
 @pytest.mark.parametrize(
     ("seconds", "text"),
     [(4.23, "4.2 s"), (9.97, "10 s"), (42.4, "42 s"), (59.6, "1m 00s"), (790, "13m 10s")],

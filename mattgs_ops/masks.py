@@ -7,10 +7,13 @@ own masks are found and checked in ``mask_files``.
 """
 
 from dataclasses import asdict, dataclass
+from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from mattgs_ops.errors import StageError
 
 Mask = NDArray[np.uint8]
 SoftMap = NDArray[np.float32]
@@ -116,3 +119,9 @@ def _outline(mask: Mask) -> Mask:
     eroded = cv2.erode(binary, cross, borderType=cv2.BORDER_CONSTANT, borderValue=0)
     outline: Mask = cv2.subtract(binary, eroded)
     return outline
+
+
+def write_mask(path: Path, pixels: NDArray[np.uint8]) -> None:
+    """Write a mask or a saliency map [H, W]; raises :class:`StageError` when that fails."""
+    if not cv2.imwrite(str(path), pixels):
+        raise StageError(f"{path}: could not be written")

@@ -27,7 +27,7 @@ from mattgs_ops import sparse
 from mattgs_ops.camera import Camera
 from mattgs_ops.config import Condition, MethodConfig, TrainConfig
 from mattgs_ops.errors import StageError
-from mattgs_ops.masks import Mask, SoftMap, clean, mask_name, quality, threshold
+from mattgs_ops.masks import Mask, SoftMap, clean, mask_name, quality, threshold, write_mask
 from mattgs_ops.progress import Progress, no_progress
 from mattgs_ops.scene import PreparedCapture, Scene, View
 from mattgs_ops.segment import support
@@ -208,8 +208,8 @@ def _write(
             borders.append(0.0)
             continue
         full = cv2.resize(soft, (view.width, view.height), interpolation=cv2.INTER_LINEAR)
-        _save(out / "masks" / mask_name(view.name), mask)
-        _save(out / "soft" / mask_name(view.name), np.rint(full * 255).astype(np.uint8))
+        write_mask(out / "masks" / mask_name(view.name), mask)
+        write_mask(out / "soft" / mask_name(view.name), np.rint(full * 255).astype(np.uint8))
         truth = truths.get(view.name)
         scored = None if truth is None else quality(mask, _bytes(truth), full)
         rows.append(ViewReport(view.name, float((mask > 0).mean()), (), scored))
@@ -217,7 +217,7 @@ def _write(
     flags = flags_of([row.foreground for row in rows], borders)
     reports = tuple(replace(row, flags=flag) for row, flag in zip(rows, flags, strict=True))
     MaskReport(before.source, "votes", before.model, reports).save(out / "masks.json")
-    agreed = _moved(scene, out)
+    agreed = Scene.load(out)
     points = vote(agreed.views, sparse.read_model(out / "sparse" / "0"))
     extra = dict(scene.extra) | {
         "object_points": len(sparse.on_object(points).xyz),
@@ -233,23 +233,9 @@ def _write(
 
 
 def _keep(scene: Scene, out: Path, reason: str) -> Scene:
-    shutil.rmtree(out / "surfaces", ignore_errors=True)
-    kept = replace(_moved(scene, out), extra=dict(scene.extra) | {"agreement": {"none": reason}})
+    kept = replace(Scene.load(out), extra=dict(scene.extra) | {"agreement": {"none": reason}})
     kept.save(scene.points())
     return kept
-
-
-def _moved(scene: Scene, out: Path) -> Scene:
-    """Return the scene as it is in its new folder."""
-    views = tuple(
-        replace(
-            view,
-            photo=out / view.photo.relative_to(scene.folder),
-            mask=None if view.mask is None else out / view.mask.relative_to(scene.folder),
-        )
-        for view in scene.views
-    )
-    return replace(scene, folder=out, views=views)
 
 
 def _mask(soft: SoftMap, view: View) -> Mask:
@@ -272,8 +258,3 @@ def _bytes(path: Path) -> NDArray[np.uint8]:
     if pixels is None:
         raise StageError(f"{path}: expected a readable image")
     return np.asarray(pixels, dtype=np.uint8)
-
-
-def _save(path: Path, pixels: NDArray[np.uint8]) -> None:
-    if not cv2.imwrite(str(path), pixels):
-        raise StageError(f"{path}: could not be written")

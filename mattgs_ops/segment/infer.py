@@ -26,6 +26,7 @@ from mattgs_ops.masks import (
     mask_name,
     quality,
     threshold,
+    write_mask,
 )
 from mattgs_ops.progress import Progress, no_progress
 from mattgs_ops.scene import PreparedCapture, View
@@ -62,8 +63,8 @@ def segment(
     def keep(view: View, soft: SoftMap, mask: Mask) -> None:
         if not mask.any():
             raise StageError(f"{view.name}: the segmentation found no object in this photo")
-        _write(out / "masks" / mask_name(view.name), mask)
-        _write(out / "soft" / mask_name(view.name), np.rint(soft * 255).astype(np.uint8))
+        write_mask(out / "masks" / mask_name(view.name), mask)
+        write_mask(out / "soft" / mask_name(view.name), np.rint(soft * 255).astype(np.uint8))
         rows.append((border_share(mask), *_scored(view, mask, soft, capture)))
         progress(len(rows), len(capture.views), f"masks by {source}")
 
@@ -163,8 +164,3 @@ def _scored(
         return share, ViewReport(view.name, share, (), None)
     truth = given_mask(view)
     return share, ViewReport(view.name, share, (), quality(mask, truth, soft))
-
-
-def _write(path: Path, pixels: NDArray[np.uint8]) -> None:
-    if not cv2.imwrite(str(path), pixels):
-        raise StageError(f"{path}: could not be written")

@@ -25,6 +25,7 @@ from mattgs_ops.camera import Camera
 from mattgs_ops.config import Background
 from mattgs_ops.errors import StageError
 from mattgs_ops.scene import SparsePoints
+from mattgs_ops.sparse import OBJECT_SHARE
 from mattgs_ops.splat.gaussians import Splats
 from mattgs_ops.splat.photos import StoredView
 
@@ -34,7 +35,6 @@ SH_C0 = 0.28209479177387814  # constant real spherical harmonic, 1 / (2 sqrt(pi)
 START_OPACITY = 0.1  # Kerbl et al. 2023, released code
 NEIGHBOURS = 3
 SMALLEST_SQUARED = 1e-7  # squared distance: coincident points would have no extent at all
-OBJECT_SHARE = 0.8
 FEWEST_POINTS = 100
 RANDOM_POINTS = 10_000
 SEEN_SHARE = 0.5  # of the cameras must see a random point

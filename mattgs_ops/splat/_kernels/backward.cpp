@@ -148,17 +148,22 @@ void run(const BackwardTile& t) {
     constexpr int size = STATISTICS ? SLOT_SIZE : SLOT_SIZE_PLAIN;
     State state;
     start(t, state);
+    const auto slot_at = [&](int i) { return t.slots + (int64_t)t.slot_of[i] * size; };
     for (int i = t.processed; i < t.view.pair_count; ++i) {
-        float* slot = t.slots + (int64_t)i * size;
+        float* slot = slot_at(i);
         for (int k = 0; k < size; ++k) slot[k] = 0.0f;
     }
     Prepared prepared[2];
     if (t.processed) prepare(t.view, t.processed - 1, prepared[(t.processed - 1) % 2]);
     for (int i = t.processed - 1; i >= 0; --i) {
         prefetch(t.view, i - PREFETCH);
+        if (i >= PREFETCH) {  // a tile's slots lie as far apart as its splats
+            __builtin_prefetch(slot_at(i - PREFETCH), 1);
+            __builtin_prefetch(slot_at(i - PREFETCH) + SLOT_SIZE_PLAIN - 1, 1);
+        }
         if (i > 0) prepare(t.view, i - 1, prepared[(i - 1) % 2]);
         const Prepared& now = prepared[i % 2];
-        float* slot = t.slots + (int64_t)i * size;
+        float* slot = slot_at(i);
         if (now.splat->curve >= 0.0f)
             one_pair<STATISTICS, true>(now, i, state, *t.pixels, slot);
         else

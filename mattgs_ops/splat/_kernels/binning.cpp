@@ -125,7 +125,6 @@ void bin(BinningChunk& c) {
             }
         }
         c.sorted[rank] = s;
-        c.splat_first[splat] = (uint32_t)start;
         c.splat_pairs[splat] = (uint32_t)(n - start);
     }
     c.first = rank;

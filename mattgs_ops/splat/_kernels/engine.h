@@ -100,7 +100,8 @@ struct BackwardTile {
     const float* grad_image;    // [height, width, 3]
     const float* grad_alpha;    // [height, width] or null
     const float* pixel_map;     // [height, width] or null
-    float* slots;               // this tile's, one after the other as its pairs are
+    float* slots;               // of all tiles, those of one splat one after the other
+    const uint32_t* slot_of;    // this tile's pairs: which slot is theirs
     bool statistics;
     int32_t processed;
 };
@@ -114,8 +115,7 @@ struct BinningChunk {
     Pair* pairs;                // out
     uint32_t* tiles;            // out: tile of each pair
     int64_t capacity, written;  // of pairs and tiles
-    uint32_t* splat_pairs;      // out, by splat: how many pairs,
-    uint32_t* splat_first;      // and the first of them, counted from the chunk's start
+    uint32_t* splat_pairs;      // out, by splat: how many pairs
     uint32_t* histogram;        // [tiles_x * tiles_y], added to
 };
 
@@ -144,8 +144,7 @@ struct AdamStep {
 
 struct SplatSums {
     const uint32_t* pairs;      // by splat: how many,
-    const uint32_t* first_pair; // and the first of them in `positions`
-    const uint32_t* positions;  // of each pair's slot
+    const uint32_t* first_slot; // and the first of their slots
     const float* slots;
     bool statistics;
 };

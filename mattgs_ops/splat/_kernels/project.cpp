@@ -111,29 +111,21 @@ MATTGS_INLINE F log2_of(F x) {
 
 MATTGS_INLINE F sigmoid(F x) { return 1.0f / (1.0f + exp_accurate(-x)); }
 
+MATTGS_INLINE int lanes_left(int64_t first, int64_t end) {
+    return end - first < LANES ? (int)(end - first) : LANES;
+}
+
 struct Inputs {
     F mean[3], log_scale[3], quat[4], logit;
 };
 
-template <class T>
-MATTGS_INLINE void pointers(const T* p, int stride, int64_t first, int64_t end, const T* out[]) {
-    for (int i = 0; i < LANES; ++i) {
-        const int64_t n = first + i < end ? first + i : end - 1;
-        out[i] = p + n * stride;
-    }
-}
-
 MATTGS_INLINE Inputs read_inputs(const SplatArrays<const float>& s, int64_t first, int64_t end) {
     Inputs in;
-    const float* p[LANES];
-    pointers(s.means, 3, first, end, p);
-    gather_rows<3>(p, in.mean);
-    pointers(s.log_scales, 3, first, end, p);
-    gather_rows<3>(p, in.log_scale);
-    pointers(s.quaternions, 4, first, end, p);
-    gather_rows<4>(p, in.quat);
-    pointers(s.opacity_logits, 1, first, end, p);
-    gather_rows<1>(p, &in.logit);
+    const int lanes = lanes_left(first, end);
+    gather_rows<3>(s.means + 3 * first, lanes, in.mean);
+    gather_rows<3>(s.log_scales + 3 * first, lanes, in.log_scale);
+    gather_rows<4>(s.quaternions + 4 * first, lanes, in.quat);
+    gather_rows<1>(s.opacity_logits + first, lanes, &in.logit);
     return in;
 }
 
@@ -147,20 +139,14 @@ MATTGS_INLINE I not_finite(const Inputs& in) {
 // Colours before the clamp at 0: SH + 1/2.
 MATTGS_INLINE void colours_of(const SplatArrays<const float>& s, const F b[15], int degree,
                               int64_t first, int64_t end, F rest[45], F colour[3]) {
-    const float* p[LANES];
+    const int lanes = lanes_left(first, end);
     F dc[3];
-    pointers(s.sh_dc, 3, first, end, p);
-    gather_rows<3>(p, dc);
+    gather_rows<3>(s.sh_dc + 3 * first, lanes, dc);
     for (int c = 0; c < 3; ++c) colour[c] = SH_0 * dc[c] + 0.5f;
     if (degree == 0) return;
-    pointers(s.sh_rest, 45, first, end, p);
-    gather_rows<45>(p, rest);
+    gather_rows<45>(s.sh_rest + 45 * first, lanes, rest);
     for (int k = 0; k < (degree + 1) * (degree + 1) - 1; ++k)
         for (int c = 0; c < 3; ++c) colour[c] += b[k] * rest[3 * k + c];
-}
-
-MATTGS_INLINE int lanes_left(int64_t first, int64_t end) {
-    return end - first < LANES ? (int)(end - first) : LANES;
 }
 
 }  // namespace
@@ -222,40 +208,23 @@ int64_t project(const SplatArrays<const float>& s, const Camera& c, int degree, 
 
 namespace {
 
-MATTGS_INLINE const float* slot_of(const SplatSums& in, uint32_t pair) {
-    const int size = in.statistics ? SLOT_SIZE : SLOT_SIZE_PLAIN;
-    return in.slots + (int64_t)in.positions[pair] * size;
-}
-
-// Slots of one splat lie in as many places as it has tiles.
-MATTGS_INLINE void prefetch_slots(const SplatSums& in, int64_t n) {
-    const uint32_t count = in.pairs[n] < 4 ? in.pairs[n] : 4;
-    for (uint32_t k = 0; k < count; ++k) {
-        const float* p = slot_of(in, in.first_pair[n] + k);
-        __builtin_prefetch(p);
-        __builtin_prefetch(p + SLOT_SIZE_PLAIN - 1);
-    }
-}
-
 // Sums of the pairs of LANES splats, one vector per slot; always added in the same order.
 MATTGS_INLINE void sum_slots(const SplatSums& in, int64_t n, int lanes, F sums[SLOT_SIZE]) {
     alignas(64) float rows[LANES][SLOT_SIZE];
-    const float* p[LANES];
+    const int size = in.statistics ? SLOT_SIZE : SLOT_SIZE_PLAIN;
+    const float* slot = in.slots + (int64_t)in.first_slot[n] * size;
     for (int i = 0; i < LANES; ++i) {
-        const uint32_t first = i < lanes ? in.first_pair[n + i] : 0;
         const uint32_t count = i < lanes ? in.pairs[n + i] : 0;
         F8 low = {}, high = {};
-        for (uint32_t k = 0; k < count; ++k) {
-            const float* slot = slot_of(in, first + k);
+        for (uint32_t k = 0; k < count; ++k, slot += size) {
             low += *reinterpret_cast<const FU8*>(slot);
             // a plain slot ends four floats earlier: what follows is the next one's, and unused
             high += *reinterpret_cast<const FU8*>(slot + 8);
         }
         __builtin_memcpy(rows[i], &low, 32);
         __builtin_memcpy(rows[i] + 8, &high, 32);
-        p[i] = rows[i];
     }
-    gather_rows<SLOT_SIZE>(p, sums);
+    gather_rows<SLOT_SIZE>(rows[0], LANES, sums);
 }
 
 MATTGS_INLINE void rotation_gradient(const F q[4], F q_scale, const F g[3][3], F out[4]) {
@@ -364,8 +333,6 @@ void project_backward(const SplatArrays<const float>& s, const Camera& c, int de
     const SplatArrays<float>& out = to.parameters;
     for (int64_t n = first; n < last; n += LANES) {
         const int lanes = lanes_left(n, last);
-        const int64_t ahead = n + 2 * LANES;
-        for (int64_t i = ahead; i < ahead + LANES && i < last; ++i) prefetch_slots(in, i);
         I visible = I{};
         for (int i = 0; i < lanes; ++i) visible[i] = in.pairs[n + i] ? -1 : 0;
         F sums[SLOT_SIZE], d_rest[45], d_dc[3], d_logit = F{}, d2[2] = {F{}, F{}};

@@ -98,13 +98,20 @@ MATTGS_INLINE F8 part_of(const F& v, int part) {
     return x;
 }
 
-// ROWS contiguous floats of each of LANES splats, to and from one vector per float.
+// ROWS floats of each of LANES splats, which lie one after the other at p, to and from one vector
+// per float. Of fewer `lanes` the first is read in place of those that are missing.
 template <int ROWS>
-MATTGS_INLINE void gather_rows(const float* const p[LANES], F out[ROWS]) {
+MATTGS_INLINE void gather_rows(const float* __restrict p, int lanes, F out[ROWS]) {
+    alignas(64) float filled[LANES * ROWS];
+    if (lanes < LANES) {
+        for (int i = 0; i < LANES; ++i)
+            for (int k = 0; k < ROWS; ++k) filled[i * ROWS + k] = p[(i < lanes ? i : 0) * ROWS + k];
+        p = filled;
+    }
     if (ROWS < 8) {
         alignas(64) float t[ROWS][LANES];
         for (int lane = 0; lane < LANES; ++lane)
-            for (int k = 0; k < ROWS; ++k) t[k][lane] = p[lane][k];
+            for (int k = 0; k < ROWS; ++k) t[k][lane] = p[lane * ROWS + k];
         for (int k = 0; k < ROWS; ++k) out[k] = load(t[k]);
         return;
     }
@@ -112,17 +119,23 @@ MATTGS_INLINE void gather_rows(const float* const p[LANES], F out[ROWS]) {
         for (int k = 0; k < ROWS; k += 8) {
             const int at = k + 8 <= ROWS ? k : ROWS - 8;  // the last block overlaps
             F8 v[8];
-            for (int i = 0; i < 8; ++i) v[i] = *reinterpret_cast<const FU8*>(p[8 * part + i] + at);
+            for (int i = 0; i < 8; ++i)
+                v[i] = *reinterpret_cast<const FU8*>(p + (8 * part + i) * ROWS + at);
             transpose(v);
             for (int i = 0; i < 8; ++i) set_part(out[at + i], part, v[i]);
         }
 }
 
 template <int ROWS>
-MATTGS_INLINE void scatter_rows(const F v[ROWS], float* p, int lanes) {
+MATTGS_INLINE void scatter_rows(const F v[ROWS], float* __restrict p, int lanes) {
     if (ROWS < 8 || lanes < LANES) {
         alignas(64) float t[ROWS][LANES];
         for (int k = 0; k < ROWS; ++k) store(t[k], v[k]);
+        if (lanes == LANES) {
+            for (int lane = 0; lane < LANES; ++lane)
+                for (int k = 0; k < ROWS; ++k) p[lane * ROWS + k] = t[k][lane];
+            return;
+        }
         for (int lane = 0; lane < lanes; ++lane)
             for (int k = 0; k < ROWS; ++k) p[lane * ROWS + k] = t[k][lane];
         return;

@@ -15,6 +15,7 @@ namespace mattgs {
 namespace {
 
 constexpr int64_t SPLATS_PER_TASK = 1024;
+constexpr int64_t PREFETCH_SPLATS = 16;  // in depth order they lie anywhere
 
 // Workspaces of renderings that are gone, kept so that a training loop allocates nothing.
 std::mutex free_mutex;
@@ -70,7 +71,8 @@ int64_t ceil_div(int64_t a, int64_t b) { return (a + b - 1) / b; }
 int64_t Workspace::bytes() const {
     int64_t sum = unsorted.bytes() + sorted.bytes() + depths.bytes() + slots.bytes() +
                   scratch.bytes() + keys.bytes() + keys_spare.bytes() + order.bytes() +
-                  splat_pairs.bytes() + splat_first.bytes() + positions.bytes() + pairs.bytes() + pixels.bytes();
+                  splat_pairs.bytes() + first_slot.bytes() + slot_of.bytes() + pairs.bytes() +
+                  pixels.bytes();
     for (const Chunk& c : chunks) sum += c.pairs.bytes() + c.tiles.bytes();
     return sum;
 }
@@ -151,7 +153,6 @@ void Rendering::bin() {
     const std::size_t tiles = static_cast<std::size_t>(tiles_x_) * tiles_y_;
     w.sorted.fit(visible_);
     std::fill_n(w.splat_pairs.fit(count_), count_, 0u);
-    w.splat_first.fit(count_);
     if (static_cast<int>(w.chunks.size()) < threads_) w.chunks.resize(threads_);
     parallel(threads_, threads_, [&](int64_t k) {
         Chunk& c = w.chunks[static_cast<std::size_t>(k)];
@@ -169,7 +170,6 @@ void Rendering::bin() {
         b.tiles_y = tiles_y_;
         b.sorted = w.sorted.data();
         b.splat_pairs = w.splat_pairs.data();
-        b.splat_first = w.splat_first.data();
         b.histogram = c.histogram.data();
         while (b.first < b.last) {
             b.capacity = std::min(c.pairs.capacity(), c.tiles.capacity());
@@ -187,10 +187,7 @@ void Rendering::bin() {
         c.written = b.written;
     });
     pair_count_ = 0;
-    for (int k = 0; k < threads_; ++k) {
-        w.chunks[k].base = pair_count_;
-        pair_count_ += w.chunks[k].written;
-    }
+    for (int k = 0; k < threads_; ++k) pair_count_ += w.chunks[k].written;
     if (pair_count_ >= std::numeric_limits<uint32_t>::max())
         throw std::length_error("more than 2^32 pairs of splats and tiles");
 }
@@ -209,20 +206,31 @@ void Rendering::scatter(float* radii) {
         }
     }
     w.tile_start[tiles] = sum;
-    w.pairs.fit(pair_count_);
-    w.positions.fit(pair_count_);
+    const uint32_t* counts = w.splat_pairs.data();
+    uint32_t* first_slot = w.first_slot.fit(count_);
+    sum = 0;
+    for (int64_t n = 0; n < count_; ++n) {
+        first_slot[n] = sum;
+        sum += counts[n];
+    }
+    Pair* pairs = w.pairs.fit(pair_count_);
+    uint32_t* slot_of = w.slot_of.fit(pair_count_);
     parallel(threads_, threads_, [&](int64_t k) {
         Chunk& c = w.chunks[static_cast<std::size_t>(k)];
-        const uint32_t base = static_cast<uint32_t>(c.base);
-        for (int64_t i = 0; i < c.written; ++i) {
-            const uint32_t to = c.histogram[c.tiles.data()[i]]++;
-            w.pairs.data()[to] = c.pairs.data()[i];
-            w.positions.data()[base + i] = to;
-        }
+        const uint32_t* order = w.order.data();
+        const uint32_t* tile = c.tiles.data();
+        const Pair* pair = c.pairs.data();
         for (int64_t r = c.first; r < c.last; ++r) {
-            const uint32_t splat = w.order.data()[r];
-            w.splat_first.data()[splat] += base;
-            if (!w.splat_pairs.data()[splat]) radii[splat] = 0.0f;
+            const uint32_t ahead = order[std::min(r + PREFETCH_SPLATS, c.last - 1)];
+            __builtin_prefetch(counts + ahead);
+            __builtin_prefetch(first_slot + ahead);
+            const uint32_t splat = order[r], count = counts[splat];
+            for (uint32_t i = 0; i < count; ++i) {
+                const uint32_t to = c.histogram[*tile++]++;
+                pairs[to] = *pair++;
+                slot_of[to] = first_slot[splat] + i;
+            }
+            if (!count) radii[splat] = 0.0f;
         }
     });
     // the costliest tiles first, so that no thread is left with one at the end
@@ -293,14 +301,14 @@ void Rendering::backward(const SplatArrays<const float>& splats, const BackwardI
         job.grad_image = in.grad_image;
         job.grad_alpha = in.grad_alpha;
         job.pixel_map = in.pixel_map;
-        job.slots = w.slots.data() + w.tile_start[static_cast<std::size_t>(t)] * size;
+        job.slots = w.slots.data();
+        job.slot_of = w.slot_of.data() + w.tile_start[static_cast<std::size_t>(t)];
         job.statistics = statistics;
         job.processed = w.processed[static_cast<std::size_t>(t)];
         kernels_.backward(job);
     });
     watch.lap(seconds_[4]);
-    const SplatSums sums{w.splat_pairs.data(), w.splat_first.data(), w.positions.data(),
-                         w.slots.data(), statistics};
+    const SplatSums sums{w.splat_pairs.data(), w.first_slot.data(), w.slots.data(), statistics};
     parallel(threads_, ceil_div(count_, SPLATS_PER_TASK), [&](int64_t t) {
         const int64_t first = t * SPLATS_PER_TASK;
         kernels_.project_backward(splats, camera_, sh_degree_, first,

@@ -63,14 +63,14 @@ struct Chunk {  // what one thread bins
     Buffer<Pair> pairs;
     Buffer<uint32_t> tiles;
     std::vector<uint32_t> histogram;
-    int64_t first = 0, last = 0, written = 0, base = 0;
+    int64_t first = 0, last = 0, written = 0;
 };
 
 struct Workspace {
     Buffer<Projected> unsorted, sorted;
     Buffer<float> depths, slots, scratch;
     Buffer<uint64_t> keys, keys_spare;
-    Buffer<uint32_t> order, splat_pairs, splat_first, positions;
+    Buffer<uint32_t> order, splat_pairs, first_slot, slot_of;
     Buffer<Pair> pairs;
     Buffer<TilePixels> pixels;
     std::vector<Chunk> chunks;

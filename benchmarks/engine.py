@@ -24,6 +24,7 @@ from mattgs_ops.camera import Camera, Intrinsics
 from mattgs_ops.splat import _engine
 from mattgs_ops.splat.adam import adam_step
 from mattgs_ops.splat.gaussians import Splats
+from mattgs_ops.splat.memory import Memory
 from mattgs_ops.splat.rasterize import PASSES, backward, render
 from mattgs_ops.splat.ssim import photometric_loss
 
@@ -100,20 +101,21 @@ def measure(
     target = torch.rand(i.height, i.width, 3, generator=torch.Generator().manual_seed(1))
     parameters = dict(splats.items())
     moments = {name: (torch.zeros_like(t), torch.zeros_like(t)) for name, t in parameters.items()}
+    memory = Memory()
     names = (*PASSES, "loss", "Adam")
     seconds: dict[str, list[float]] = {name: [] for name in names}
     flops: dict[str, list[float]] = {name: [] for name in names}
     peaks = []
     for step in range(1, repeats + 2):  # the first warms up
         peaks.append(peak())
-        rendering = render(splats, camera, WHITE, threads=threads)
-        loss = photometric_loss(rendering.image, target, threads=threads)
+        rendering = render(splats, camera, WHITE, threads=threads, memory=memory)
+        loss = photometric_loss(rendering.image, target, threads=threads, memory=memory)
 
         def compare(image: torch.Tensor = rendering.image) -> None:
-            photometric_loss(image, target, threads=threads)
+            photometric_loss(image, target, threads=threads, memory=memory)
 
         took = {"loss": timed(compare, threads)}
-        gradients = backward(rendering, loss.grad, statistics=statistics)
+        gradients = backward(rendering, loss.grad, statistics=statistics, memory=memory)
         took |= rendering.pass_seconds
 
         def update(step: int = step, gradients: object = gradients) -> None:
@@ -180,10 +182,12 @@ def threads(repeats: int) -> None:
         splats, camera = scene(count, 400, 400)
         walls: dict[int, list[float]] = {1: [], 2: []}
         grad = torch.rand(400, 400, 3)
+        memory = Memory()
         for _ in range(repeats):
             for number, wall in walls.items():  # interleaved
                 start = time.perf_counter()
-                backward(render(splats, camera, WHITE, threads=number), grad, statistics=False)
+                rendering = render(splats, camera, WHITE, threads=number, memory=memory)
+                backward(rendering, grad, statistics=False, memory=memory)
                 wall.append(time.perf_counter() - start)
         one, two = (min(walls[number]) for number in walls)
         rows.append((f"{count:,}", ms(one), ms(two), f"{one / two:.2f}"))
@@ -200,6 +204,31 @@ def parts(repeats: int) -> None:
         rows.append((f"{count:,}", *values, ms(m.step), f"{m.step / m.raster:.2f}"))
     print("## A training step at 400 x 400 on one thread, ms\n")
     table(("splats", *PASSES, "loss", "Adam", "step", "step ÷ compositing"), rows)
+
+
+def pages(repeats: int) -> None:
+    """Print what memory kept from step to step saves against memory allocated in every step."""
+    rows = []
+    for count in (20_000, 50_000):
+        splats, camera = scene(count, 400, 400)
+        grad, kept = torch.rand(400, 400, 3), Memory()
+        found: dict[str, list[tuple[float, int]]] = {"kept": [], "fresh": []}
+        for _ in range(repeats):
+            for name, memory in (("kept", kept), ("fresh", None)):  # interleaved
+                faults, start = page_faults(), time.thread_time()
+                rendering = render(splats, camera, WHITE, memory=memory)
+                backward(rendering, grad, statistics=False, memory=memory)
+                found[name].append((time.thread_time() - start, page_faults() - faults))
+        for name, pairs in found.items():
+            seconds, faults = np.median(np.array(pairs), axis=0)
+            rows.append((f"{count:,}", name, ms(seconds), f"{faults:.0f}"))
+    print("## Memory of gradients and rendering, one thread\n")
+    table(("splats", "memory", "render and backward, ms", "page faults"), rows)
+
+
+def page_faults() -> int:
+    """Return how many pages this process has been given by the system so far."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_minflt
 
 
 def growth(repeats: int, *, quick: bool) -> None:
@@ -244,6 +273,7 @@ def main() -> None:
     compositing(repeats)
     threads(repeats)
     parts(repeats)
+    pages(repeats)
     growth(repeats, quick=arguments.quick)
 
 

@@ -19,6 +19,7 @@ from mattgs_ops.camera import Camera
 from mattgs_ops.errors import InputError
 from mattgs_ops.splat import _engine
 from mattgs_ops.splat.gaussians import Splats
+from mattgs_ops.splat.memory import Memory, Unshared
 
 MAX_PIXELS_A_SIDE = 32_768  # of an image; more is a mistake in the caller's units
 MAX_THREADS = 1024
@@ -80,12 +81,14 @@ def render(
     *,
     sh_degree: int = 3,
     threads: int = 1,
+    memory: Memory | None = None,
 ) -> Rendering:
     """Render ``splats`` as ``camera`` sees them over a plain ``background``.
 
-    ``sh_degree`` 0 to 3: spherical harmonics above it are not used. Raises :class:`InputError`
-    for wrong shapes, for a camera without an image, and for a splat with a NaN or infinite
-    parameter (its field and row are named).
+    ``sh_degree`` 0 to 3: spherical harmonics above it are not used. With a ``memory`` the result
+    lies there and is overwritten by the next rendering that is given the same one. Raises
+    :class:`InputError` for wrong shapes, for a camera without an image, and for a splat with a NaN
+    or infinite parameter (its field and row are named).
     """
     splats.check()
     _check_camera(camera)
@@ -106,8 +109,10 @@ def render(
         sh_degree,
         threads,
     )
-    image, alpha = torch.empty(i.height, i.width, 3), torch.empty(i.height, i.width)
-    radii, means2d = torch.empty(len(splats)), torch.empty(len(splats), 2)
+    memory = Unshared() if memory is None else memory
+    image = memory.take("image", i.height, i.width, 3)
+    alpha = memory.take("alpha", i.height, i.width)
+    radii, means2d = memory.take("radii", len(splats)), memory.take("means2d", len(splats), 2)
     bad = engine.forward(
         _arrays(splats), image.numpy(), alpha.numpy(), radii.numpy(), means2d.numpy()
     )
@@ -123,13 +128,15 @@ def backward(
     *,
     pixel_map: Tensor | None = None,
     statistics: bool = True,
+    memory: Memory | None = None,
 ) -> Gradients:
     """Return the gradients of a loss given its gradient with respect to the rendered image.
 
     ``grad_image`` [H, W, 3], ``grad_alpha`` [H, W] or none, ``pixel_map`` [H, W] (attention, say)
     or none, all float32. The splats must be those that were rendered, unchanged. Without
     ``statistics``, a little faster, ``means2d_abs``, ``weight`` and ``weighted_map`` are empty.
-    Raises :class:`InputError` for wrong shapes or types.
+    With a ``memory`` the gradients lie there, until the next call with the same one. Raises
+    :class:`InputError` for wrong shapes or types.
     """
     splats = rendering.splats
     splats.check()
@@ -145,10 +152,12 @@ def backward(
         raise InputError(
             f"splats: expected the {len(rendering.radii)} that were rendered, found {count}"
         )
-    grads = Splats(**{name: torch.empty_like(tensor) for name, tensor in splats.items()})
+    memory = Unshared() if memory is None else memory
+    take = memory.take
+    grads = Splats(**{name: take(f"d {name}", *value.shape) for name, value in splats.items()})
     kept = count if statistics else 0
-    means2d, means2d_abs = torch.empty(count, 2), torch.empty(kept, 2)
-    weight, weighted_map = torch.empty(kept), torch.empty(kept)
+    means2d, means2d_abs = take("d means2d", count, 2), take("d means2d_abs", kept, 2)
+    weight, weighted_map = take("weight", kept), take("weighted_map", kept)
     rendering._engine.backward(
         _arrays(splats),
         *arrays,

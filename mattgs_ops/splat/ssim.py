@@ -8,11 +8,11 @@ sigma 1.5 and zeros outside the image, as 3DGS trains; evaluation uses another b
 import math
 from dataclasses import dataclass
 
-import torch
 from torch import Tensor
 
 from mattgs_ops.errors import InputError
 from mattgs_ops.splat import _engine
+from mattgs_ops.splat.memory import Memory, Unshared
 from mattgs_ops.splat.rasterize import MAX_THREADS, checked_array
 
 
@@ -34,10 +34,12 @@ def photometric_loss(
     ssim_lambda: float = 0.2,
     weight: Tensor | None = None,
     threads: int = 1,
+    memory: Memory | None = None,
 ) -> PhotometricLoss:
     """Compare ``image`` with ``target``, both [H, W, 3] float32; ``weight`` [H, W] or none.
 
-    The weight enters the L1 term alone. The gradient of ``|d|`` at 0 is 0. Raises
+    The weight enters the L1 term alone. The gradient of ``|d|`` at 0 is 0. With a ``memory`` the
+    gradient lies there, until the next call with the same one. Raises
     :class:`InputError` for wrong shapes or types, or a ``ssim_lambda`` outside [0, 1].
     """
     if image.ndim != 3 or image.shape[2] != 3 or 0 in image.shape:
@@ -47,7 +49,8 @@ def photometric_loss(
     if not 1 <= threads <= MAX_THREADS:
         raise InputError(f"threads: expected 1 to {MAX_THREADS}, found {threads}")
     height, width, _ = image.shape
-    grad = torch.empty(height, width, 3)
+    memory = Unshared() if memory is None else memory
+    grad = memory.take("d image", height, width, 3)
     weighted, plain, ssim = _engine.photometric_loss(
         checked_array("image", image, (height, width, 3)),
         checked_array("target", target, (height, width, 3)),

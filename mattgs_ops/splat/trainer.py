@@ -33,6 +33,7 @@ from mattgs_ops.splat.densify import (
 )
 from mattgs_ops.splat.gaussians import Splats
 from mattgs_ops.splat.initialise import StartingPoints
+from mattgs_ops.splat.memory import Memory
 from mattgs_ops.splat.optimise import FIELDS
 from mattgs_ops.splat.photos import BLACK, WHITE, Bytes, Floats, StoredView, recolour
 from mattgs_ops.splat.rasterize import Gradients, Rendering, backward, render
@@ -74,6 +75,8 @@ class Trainer:
         self.views, self.background, self.method = views, background, method
         self.config, self.schedule, self.extent, self.threads = config, schedule, extent, threads
         self._maps: dict[int, Tensor] = {}
+        self._weights: dict[int, Tensor | None] = {}
+        self._memory = Memory()
         self._fixed_rates = {
             "log_scales": config.lr_scale,
             "quaternions": config.lr_rotation,
@@ -108,10 +111,14 @@ class Trainer:
         index = self._next_view(state)
         view = self.views[index]
         colour = self._colour(state)
-        target = self.target(view, colour)
-        degree = self.schedule.degree(step)
+        target = self.target(view, colour, self._memory)
         rendering = render(
-            state.splats, view.camera, colour, sh_degree=degree, threads=self.threads
+            state.splats,
+            view.camera,
+            colour,
+            sh_degree=self.schedule.degree(step),
+            threads=self.threads,
+            memory=self._memory,
         )
         loss = photometric_loss(
             rendering.image,
@@ -119,6 +126,7 @@ class Trainer:
             ssim_lambda=self.config.ssim_lambda,
             weight=self.weights(index),
             threads=self.threads,
+            memory=self._memory,
         )
         if not math.isfinite(loss.loss):
             raise StageError(f"step {step}, view {view.name}: the loss is {loss.loss}")
@@ -144,6 +152,7 @@ class Trainer:
             grad,
             pixel_map=self.attention(index) if blends else None,
             statistics=blends or (observed and method.densify == "absolute"),
+            memory=self._memory,
         )
 
     def _observe(self, state: TrainingState, gradients: Gradients, rendering: Rendering) -> None:
@@ -157,16 +166,18 @@ class Trainer:
             state.record.attention += gradients.weighted_map
 
     def weights(self, index: int) -> Tensor | None:
-        """Return the L1 weights of a view [H, W], or None."""
+        """Return the L1 weights of a view [H, W], or None; computed once."""
         if self.method.weighting == "none":
             return None
-        mask = _unit(self.views[index].mask).numpy()
-        found = loss_weights(self.attention(index).numpy(), mask, self.method)
-        return None if found is None else torch.from_numpy(found)
+        if index not in self._weights:
+            mask = _unit(self.views[index].mask).numpy()
+            found = loss_weights(self.attention(index).numpy(), mask, self.method)
+            self._weights[index] = None if found is None else torch.from_numpy(found)
+        return self._weights[index]
 
-    def target(self, view: StoredView, colour: Colour) -> Tensor:
-        """Return what a view should look like on ``colour`` [H, W, 3]."""
-        image = _unit(view.image)
+    def target(self, view: StoredView, colour: Colour, memory: Memory | None = None) -> Tensor:
+        """Return what a view should look like on ``colour`` [H, W, 3], in ``memory`` if given."""
+        image = _unit(view.image, memory)
         if self.background == "original" or colour == WHITE:
             return image
         return torch.from_numpy(recolour(image.numpy(), _unit(view.mask).numpy(), colour))
@@ -265,8 +276,11 @@ def _count(state: TrainingState, name: str, more: int) -> None:
     state.counters[name] = state.counters.get(name, 0) + more
 
 
-def _unit(values: Bytes) -> Tensor:
-    return torch.from_numpy(values).to(torch.float32).div_(255)
+def _unit(values: Bytes, memory: Memory | None = None) -> Tensor:
+    """Return bytes as numbers in [0, 1]; in ``memory``, overwriting the last, if one is given."""
+    stored = torch.from_numpy(values)
+    out = torch.empty(stored.shape) if memory is None else memory.take("unit", *stored.shape)
+    return torch.div(stored, 255, out=out)
 
 
 def _refuse_nan(gradients: Gradients, step: int) -> None:

@@ -47,6 +47,7 @@ class _Source:
     cameras_are: Literal["given", "truth", "none"]
     own_masks: Path | None  # the folder that the user named
     masks: Path | None  # the one beside the photos
+    ids: Path | None = None  # small structures of some views, from a renderer
 
     def mask(self, path: Path, photo: Photo) -> Mask | None:
         """Decode the photo's mask, [H, W] of 0 and 255, still distorted; None where it has none."""
@@ -108,7 +109,7 @@ def _open(capture: CaptureConfig) -> _Source:
             raise InputError(f"{root}: the bundled capture is missing; reinstall the package")
         posed = {photo.photo.name: photo for photo in read_nerfstudio(root)}
         photos = [photo.photo for photo in posed.values()]
-        return _Source(root, photos, posed, "truth", capture.masks, root / "masks")
+        return _Source(root, photos, posed, "truth", capture.masks, root / "masks", root / "ids")
     root = capture.path
     if not root.is_dir():
         found = "a file" if root.is_file() else "nothing"
@@ -263,7 +264,19 @@ def _write_view(
     if mask is not None:
         Image.fromarray(mask).save(out / "masks" / file, compress_level=PNG_EFFORT)
     mask_path = None if mask is None else out / "masks" / file
-    return View(path.name, split, *size, out / "photos" / file, mask_path, camera)
+    ids = _write_ids(source, file, size, out)
+    return View(path.name, split, *size, out / "photos" / file, mask_path, camera, ids)
+
+
+def _write_ids(source: _Source, file: str, size: tuple[int, int], out: Path) -> Path | None:
+    """Copy what the renderer knows of a view's small structures, where it does."""
+    if source.ids is None or not (source.ids / file).is_file():
+        return None
+    path = out / "ids" / file
+    path.parent.mkdir(exist_ok=True)
+    with Image.open(source.ids / file) as ids:
+        ids.resize(size, Image.Resampling.NEAREST).save(path, compress_level=PNG_EFFORT)
+    return path
 
 
 def _reduced(size: tuple[int, int], max_size: int) -> tuple[int, int]:

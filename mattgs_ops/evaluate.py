@@ -3,7 +3,7 @@
 :func:`render_views` writes 8-bit PNGs of every registered view beside what it should look like::
 
     renders/{test,train}/NAME.png   truth/{test,train}/NAME.png   masks/{test,train}/NAME.png
-    views.json
+    [details/test/NAME.png]   views.json
 
 :func:`score` reads those files and nothing else, and writes ``evaluation.json``: so what was
 scored can be looked at, and scored again. Test views that structure-from-motion could not place
@@ -17,6 +17,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal, get_args
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
@@ -43,17 +44,20 @@ ROUND_SECONDS = 0.1
 # Standard error of a normal sample's median, times root n, over the median absolute deviation
 MEDIAN_ERROR = 1.4826 * 1.2533
 MASK_THRESHOLD = 128  # of 255: a pixel is object when at least half of it is
+# of a pixel: a wire rarely fills half of one, see docs/captures.md on id maps
+DETAIL_SHARE = 0.25
 Colour = tuple[float, float, float]
 SPLITS: tuple[Split, ...] = get_args(Split)
 
 
 @dataclass(frozen=True)
 class RenderedView:
-    """One view on disk; ``masked`` says whether it has a mask."""
+    """One view on disk; ``masked``: it has a mask; ``detailed``: its small structures are known."""
 
     name: str
     split: Split
     masked: bool
+    detailed: bool = False
 
 
 @dataclass(frozen=True)
@@ -126,7 +130,11 @@ def render_views(
         _save(out / "truth" / view.split / f"{view.name}.png", _bytes(target.image))
         if view.mask is not None:
             _save(out / "masks" / view.split / f"{view.name}.png", _bytes(target.mask))
-        rendered.append(RenderedView(view.name, view.split, view.mask is not None))
+        if view.ids is not None:
+            details = _details(view.ids, target.mask.shape)
+            _save(out / "details" / view.split / f"{view.name}.png", details)
+        known = view.mask is not None, view.ids is not None
+        rendered.append(RenderedView(view.name, view.split, *known))
         progress(index + 1, len(chosen), f"{view.name} rendered")
     result = RenderedViews(
         schema=SCHEMA,
@@ -252,9 +260,18 @@ def _score_one(folder: Path, view: RenderedView, ssim_lambda: float) -> dict[str
             f"truth {truth.shape[1]} x {truth.shape[0]}; render the views again"
         )
     mask = _read(folder, "masks", view, "L") >= MASK_THRESHOLD if view.masked else None
+    details = _read(folder, "details", view, "L") > 0 if view.detailed else None
     attention = paper_attention(truth.astype(np.float32) / np.float32(255))
-    scores = score_view(image / 255, truth / 255, mask, attention, ssim_lambda)
+    scores = score_view(image / 255, truth / 255, mask, attention, ssim_lambda, details)
     return {"view": view.name, "split": view.split, **scores}
+
+
+def _details(ids: Path, shape: tuple[int, ...]) -> NDArray[np.uint8]:
+    """Return where small structures are, 255, in an image of ``shape`` [H, W]."""
+    with Image.open(ids) as stored:
+        small = (np.asarray(stored.convert("L")) > 0).astype(np.float32)
+    share = cv2.resize(small, (shape[1], shape[0]), interpolation=cv2.INTER_AREA)
+    return np.where(share >= DETAIL_SHARE, 255, 0).astype(np.uint8)
 
 
 def _read(

@@ -8,7 +8,8 @@ SSIM is the Gaussian form of Wang et al. 2004 (11 × 11 window, σ 1.5, populati
 scikit-image computes it: the mean leaves out the outermost 5 pixels. Inside a mask, L1 and squared
 error are means over the mask's pixels (a background that was multiplied away cannot lower them),
 and SSIM's map is averaged over the mask eroded by the window's reach, so that no window looks at
-what lies outside.
+what lies outside. Small structures (screws, wires, print) are the pixels that a renderer's id map
+names and the mask holds; there SSIM's map is averaged over those very pixels.
 """
 
 from dataclasses import dataclass, replace
@@ -56,6 +57,8 @@ _IMAGE = (
     Metric("mask_psnr", "PSNR in mask", +1, "dB", 2, "PSNR over the object's pixels"),
     Metric("mask_ssim", "SSIM in mask", +1, "", 3, "SSIM's map averaged inside the eroded mask"),
     Metric("mask_l1", "L1 in mask", -1, "", 4, "mean absolute difference over the object's pixels"),
+    Metric("detail_psnr", "PSNR small parts", +1, "dB", 2, "PSNR over screws, wires and print"),
+    Metric("detail_ssim", "SSIM small parts", +1, "", 3, "SSIM's map averaged over those pixels"),
 )
 _TRAINING = tuple(
     replace(
@@ -65,6 +68,7 @@ _TRAINING = tuple(
         description=f"{metric.description}; training views, the paper's protocol",
     )
     for metric in _IMAGE
+    if not metric.id.startswith("detail_")  # nobody knows the details of training views
 )
 _RUN = (
     Metric("fps", "FPS", +1, "1/s", 1, "forward renderings of test views a second, no files"),
@@ -168,10 +172,12 @@ def score_view(
     mask: MaskArray | None,
     attention: NDArray[np.floating],
     ssim_lambda: float,
+    details: MaskArray | None = None,
 ) -> dict[str, float | None]:
     """Return all image metrics of one view by id; None where a metric does not apply.
 
     ``mask`` None: the view has no mask. ``attention`` [H, W] is A of eqs. 9–14 on ``truth``.
+    ``details`` are the small structures' pixels, None where nobody knows them.
     """
     similarity = ssim_map(image, truth)
     full_ssim, plain = float(_inner(similarity).mean()), l1(image, truth)
@@ -187,12 +193,18 @@ def score_view(
         "mask_psnr": None,
         "mask_ssim": None,
         "mask_l1": None,
+        "detail_psnr": None,
+        "detail_ssim": None,
     }
     if mask is not None:
         inside = similarity[mask_core(mask)]
         scores["mask_psnr"] = mask_psnr(image, truth, mask)
         scores["mask_ssim"] = float(inside.mean()) if inside.size else None
         scores["mask_l1"] = mask_l1(image, truth, mask)
+    if details is not None:
+        small = details if mask is None else details & mask
+        scores["detail_psnr"] = mask_psnr(image, truth, small)
+        scores["detail_ssim"] = float(similarity[small].mean()) if small.any() else None
     return scores
 
 

@@ -3,15 +3,16 @@
 A **prepared capture** (written by ``captures.py``) holds upright 8-bit RGB photos, the split, and
 what came with them::
 
-    capture.json   photos/NAME.png   [masks/NAME.png]
+    capture.json   photos/NAME.png   [masks/NAME.png]   [ids/NAME.png]
 
 A **scene** (written by ``sfm.py``) holds photos and masks without lens distortion, the pinhole
 cameras that were found, and the sparse points::
 
-    scene.json   photos/NAME.png   masks/NAME.png   points.npz   sparse/0/*.bin
+    scene.json   photos/NAME.png   masks/NAME.png   [ids/NAME.png]   points.npz   sparse/0/*.bin
 
 Names are the photo's original file names (``IMG_1.jpg``), files on disk carry ``NAME.png`` after
-COLMAP's habit (``IMG_1.jpg.png``). Masks are 8-bit, 255 = object.
+COLMAP's habit (``IMG_1.jpg.png``). Masks are 8-bit, 255 = object. Ids, which a renderer knows of
+its test views, are 8-bit: 1 screws, 2 wires, 3 print, 0 the rest.
 """
 
 import json
@@ -32,7 +33,7 @@ SCHEMA = 1
 
 @dataclass(frozen=True)
 class View:
-    """One photo. ``photo`` and ``mask`` are absolute paths; ``camera`` is None when unknown."""
+    """One photo. ``photo``, ``mask`` and ``ids`` are absolute; ``camera`` is None when unknown."""
 
     name: str
     split: Split
@@ -41,6 +42,7 @@ class View:
     photo: Path
     mask: Path | None
     camera: Camera | None
+    ids: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -140,6 +142,7 @@ def _view_to_json(view: View, folder: Path) -> dict[str, Any]:
         "height": view.height,
         "photo": str(view.photo.relative_to(folder)),
         "mask": None if view.mask is None else str(view.mask.relative_to(folder)),
+        "ids": None if view.ids is None else str(view.ids.relative_to(folder)),
         "camera": None
         if camera is None
         else {
@@ -159,6 +162,7 @@ def _view_from_json(row: dict[str, Any], folder: Path) -> View:
         height=row["height"],
         photo=folder / row["photo"],
         mask=None if row["mask"] is None else folder / row["mask"],
+        ids=folder / row["ids"] if row.get("ids") else None,
         camera=None
         if camera is None
         else Camera(

@@ -52,6 +52,10 @@ class Undistortion:
         soft = self._remap(mask, cv2.INTER_LINEAR)
         return np.where(soft >= 128, 255, 0).astype(np.uint8)
 
+    def ids(self, ids: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Resample whole numbers [H, W], each pixel from the nearest; 0 outside."""
+        return self._remap(ids, cv2.INTER_NEAREST)
+
     def _remap(self, image: NDArray[np.uint8], interpolation: int) -> NDArray[np.uint8]:
         border = cv2.BORDER_REPLICATE  # reached by rounding at the very edge only
         out = cv2.remap(image, self.map_x, self.map_y, interpolation, borderMode=border)

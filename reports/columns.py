@@ -46,6 +46,7 @@ IN_MASK = (
     Column("mask_ssim", "SSIM in mask", +1, "ssim"),
     Column("mask_l1", "L1 in mask", -1, "l1"),
     Column("detail_psnr", "PSNR small parts", +1, "db"),
+    Column("detail_ssim", "SSIM small parts", +1, "ssim"),
     Column("splats", "Splats", 0, "count"),
 )
 TRAINING = (

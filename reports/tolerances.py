@@ -68,6 +68,7 @@ TOLERANCES: tuple[Tolerance, ...] = (
     Tolerance("mask_l1", "quality", -1, "difference", 0.002, 0.0004),
     Tolerance("paper_l1", "quality", -1, "difference", 0.0005, 0.0001, required=False),
     Tolerance("detail_psnr", "quality", +1, "difference", 0.15, 0.03, required=False),
+    Tolerance("detail_ssim", "quality", +1, "difference", 0.005, 0.001, required=False),
     Tolerance("registered", "quality", +1, "exact", 0.0),
     Tolerance("mean_iou", "quality", +1, "exact", 0.005, required=False),
     Tolerance("time", "cost", -1, "speed", 0.02, 0.02, 0.01),

@@ -78,7 +78,7 @@ def largest_shift(lens: Lens) -> float:
 def write_views(
     capture: PreparedCapture, masks: Path, model: SparseModel, out: Path, soft: Path | None = None
 ) -> tuple[tuple[View, ...], SparseModel, dict[str, Plane | None]]:
-    """Write photos, masks and, from the folder ``soft``, saliency maps as the pinholes see them.
+    """Write photos, masks, ids and, from ``soft``, saliency maps as the pinholes see them.
 
     Returns the scene's views, the model with pinholes, and each view's plane. Views that were not
     registered keep their place, without a camera; their lens is that of photos of their size, None
@@ -111,7 +111,10 @@ def write_views(
         if soft is not None:
             resample = None if plane is None else plane.resample
             _write_soft(soft / mask.name, resample, out / "soft" / mask.name)
-        views.append(replace(view, photo=photo, mask=mask, camera=camera))
+        ids = None if view.ids is None else out / "ids" / f"{view.name}.png"
+        if view.ids is not None and ids is not None:
+            _write_ids(view.ids, None if plane is None else plane.resample, ids)
+        views.append(replace(view, photo=photo, mask=mask, camera=camera, ids=ids))
         used[view.name] = plane
     return tuple(views), _pinholes(model, planes), used
 
@@ -161,6 +164,17 @@ def _write_soft(source: Path, resample: Undistortion | None, out: Path) -> None:
     if grey is None:
         raise StageError(f"{source}: expected a readable saliency map")
     _write(out, np.ascontiguousarray(resample.photo(np.asarray(grey, dtype=np.uint8))[..., 0]))
+
+
+def _write_ids(source: Path, resample: Undistortion | None, out: Path) -> None:
+    out.parent.mkdir(exist_ok=True)
+    if resample is None:
+        shutil.copyfile(source, out)
+        return
+    ids = cv2.imread(str(source), cv2.IMREAD_GRAYSCALE)
+    if ids is None:
+        raise StageError(f"{source}: expected readable ids")
+    _write(out, resample.ids(np.asarray(ids, dtype=np.uint8)))
 
 
 def _read_photo(view: View) -> NDArray[np.uint8]:

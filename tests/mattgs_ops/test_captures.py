@@ -226,6 +226,16 @@ def test_kind_overrides_what_was_detected(tmp_path: Path) -> None:
     assert len(capture.views) == len(NAMES)
 
 
+def test_bundled_captures_know_the_small_structures_of_test_views(tmp_path: Path) -> None:
+    prepared = prepare(CaptureConfig(name="rover"), tmp_path / "out", test_every=8)
+    for view in prepared.views:
+        assert (view.ids is not None) == (view.split == "test")
+        if view.ids is not None:
+            ids = np.asarray(Image.open(view.ids))
+            assert ids.shape == (view.height, view.width)
+            assert set(np.unique(ids)) <= {0, 1, 2, 3}
+
+
 def test_bundled_captures_hold_the_truth(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_transforms(tmp_path / "bundled" / "rover")
     write_masks(tmp_path / "bundled" / "rover" / "masks", disc())

@@ -12,7 +12,8 @@ from mattgs_ops.scene import PreparedCapture, Scene, SparsePoints, View
 
 def views(folder: Path) -> tuple[View, ...]:
     camera = Camera(Intrinsics(8, 6, 10.0, 10.0, 4.0, 3.0), np.eye(3), np.array([0.0, 1.0, 2.0]))
-    first = View("a.jpg", "test", 8, 6, folder / "photos/a.jpg.png", None, None)
+    photo, ids = folder / "photos/a.jpg.png", folder / "ids/a.jpg.png"
+    first = View("a.jpg", "test", 8, 6, photo, None, None, ids)
     mask = folder / "masks/b.jpg.png"
     return first, View("b.jpg", "train", 8, 6, folder / "photos/b.jpg.png", mask, camera)
 
@@ -24,6 +25,7 @@ def test_a_prepared_capture_survives_the_disk(tmp_path: Path) -> None:
     assert [v.name for v in back.views] == ["a.jpg", "b.jpg"]
     assert back.views[0].mask is None
     assert back.views[1].mask == tmp_path / "masks/b.jpg.png"
+    assert [v.ids for v in back.views] == [tmp_path / "ids/a.jpg.png", None]
 
 
 def test_a_scene_can_be_moved_and_knows_which_views_are_registered(tmp_path: Path) -> None:

@@ -40,7 +40,7 @@ FIELDS: dict[str, tuple[type, ...]] = {
 MAY_LACK = {"metrics", "per_view", "provenance", "artifacts"}
 REQUIRED_METRICS = ("ssim", "psnr", "l1", "loss", "fps", "time", "size_mb")
 BACKGROUNDS = ("original", "nobg")
-METHOD_ORDER = ("3dgs", "ours")
+METHOD_ORDER = ("3dgs", "ours", "ours+")
 
 METHOD_NAMES = {"3dgs": "3DGS", "ours": "Ours", "ours+": "Ours+", "ours-plus": "Ours+"}
 BACKGROUND_NAMES = {"original": "Original", "nobg": "No BG"}

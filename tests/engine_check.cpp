@@ -160,7 +160,7 @@ void check_loss(const std::vector<const Kernels*>& all, std::mt19937& rng, int w
         for (const int threads : {1, 2}) {
             Floats grad(3 * size);
             const LossImages images{image.data(), target.data(), threads == 1 ? weight.data() : nullptr,
-                                    width,        height,        0.2f,
+                                    true,         width,        height,        0.2f,
                                     grad.data()};
             const LossSums sums = photometric_loss(*k, images, threads);
             expect(std::isfinite(sums.l1 + sums.ssim + sums.weighted), "loss is not finite");

@@ -53,10 +53,11 @@ def photometric_loss(
     image: Array,
     target: Array,
     weight: Array | None,
+    weight_ssim: bool,
     ssim_lambda: float,
     threads: int,
     grad: Array,
-) -> tuple[float, float, float]: ...
+) -> tuple[float, float, float, float]: ...
 def adam(
     values: Array,
     grads: Array,

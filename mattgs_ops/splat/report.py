@@ -111,10 +111,14 @@ def loss_terms(trainer: Trainer, splats: Splats, colour: Colour) -> dict[str, fl
         dissimilar = 1 - plain.ssim
         paper = float((paper_attention(target.numpy()) * difference).mean(dtype=np.float64))
         l1 = plain.plain_l1
-        weights = trainer.weights(index)
-        optimised = l1
-        if weights is not None:
-            optimised = float((weights.numpy() * difference).mean(dtype=np.float64))
+        optimised = photometric_loss(
+            image,
+            target,
+            ssim_lambda=share,
+            weight=trainer.weights(index),
+            weight_ssim=trainer.method.weight_ssim,
+            threads=trainer.threads,
+        )
         rows.append(
             {
                 "l1": l1,
@@ -122,7 +126,7 @@ def loss_terms(trainer: Trainer, splats: Splats, colour: Colour) -> dict[str, fl
                 "loss": (1 - share) * l1 + share * dissimilar,
                 "paper_l1": paper,
                 "paper_loss": (1 - share) * paper + share * dissimilar,
-                "optimised_loss": (1 - share) * optimised + share * dissimilar,
+                "optimised_loss": optimised.loss,
             }
         )
     return {name: float(np.mean([row[name] for row in rows])) for name in rows[0]}

@@ -1,8 +1,9 @@
 """The photometric loss of 3DGS and its gradient, by the compiled engine.
 
-``loss = (1 - lambda) * mean(w * |y - y_hat|) + lambda * (1 - mean SSIM)`` over all values of an
-image [H, W, 3] in [0, 1]. SSIM (Wang et al. 2004) per channel with an 11×11 Gaussian window of
-sigma 1.5 and zeros outside the image, as 3DGS trains; evaluation uses another border.
+``loss = (1 - lambda) * mean(w * |y - y_hat|) + lambda * (1 - mean(v * SSIM))`` over all values of
+an image [H, W, 3] in [0, 1]; v is 1, or w where that is asked for. SSIM (Wang et al. 2004) per
+channel with an 11×11 Gaussian window of sigma 1.5 and zeros outside the image, as 3DGS trains;
+evaluation uses another border.
 """
 
 import math
@@ -22,7 +23,7 @@ class PhotometricLoss:
 
     loss: float
     l1: float  # mean(w * |y - y_hat|)
-    ssim: float  # mean SSIM
+    ssim: float  # mean SSIM, whatever the weight
     grad: Tensor  # [H, W, 3]
     plain_l1: float  # mean(|y - y_hat|), whatever the weight
 
@@ -33,13 +34,14 @@ def photometric_loss(
     *,
     ssim_lambda: float = 0.2,
     weight: Tensor | None = None,
+    weight_ssim: bool = False,
     threads: int = 1,
     memory: Memory | None = None,
 ) -> PhotometricLoss:
     """Compare ``image`` with ``target``, both [H, W, 3] float32; ``weight`` [H, W] or none.
 
-    The weight enters the L1 term alone. The gradient of ``|d|`` at 0 is 0. With a ``memory`` the
-    gradient lies there, until the next call with the same one. Raises
+    The weight enters the L1 term alone, or both with ``weight_ssim``. The gradient of ``|d|`` at 0
+    is 0. With a ``memory`` the gradient lies there, until the next call with the same one. Raises
     :class:`InputError` for wrong shapes or types, or a ``ssim_lambda`` outside [0, 1].
     """
     if image.ndim != 3 or image.shape[2] != 3 or 0 in image.shape:
@@ -51,13 +53,14 @@ def photometric_loss(
     height, width, _ = image.shape
     memory = Unshared() if memory is None else memory
     grad = memory.take("d image", height, width, 3)
-    weighted, plain, ssim = _engine.photometric_loss(
+    weighted, plain, ssim, weighted_ssim = _engine.photometric_loss(
         checked_array("image", image, (height, width, 3)),
         checked_array("target", target, (height, width, 3)),
         checked_array("weight", weight, (height, width)),
+        weight_ssim,
         ssim_lambda,
         threads,
         grad.numpy(),
     )
-    loss = (1 - ssim_lambda) * weighted + ssim_lambda * (1 - ssim)
+    loss = (1 - ssim_lambda) * weighted + ssim_lambda * (1 - weighted_ssim)
     return PhotometricLoss(loss, weighted, ssim, grad, plain)

@@ -78,11 +78,11 @@ class Trainer:
         self._weights: dict[int, Tensor | None] = {}
         self._memory = Memory()
         self._fixed_rates = {
-            "log_scales": config.lr_scale,
-            "quaternions": config.lr_rotation,
+            "log_scales": method.rates * config.lr_scale,
+            "quaternions": method.rates * config.lr_rotation,
             "opacity_logits": config.lr_opacity,
-            "sh_dc": config.lr_sh_dc,
-            "sh_rest": config.lr_sh_rest,
+            "sh_dc": method.rates * config.lr_sh_dc,
+            "sh_rest": method.rates * config.lr_sh_rest,
         }
 
     def attention(self, index: int) -> Tensor:
@@ -125,6 +125,7 @@ class Trainer:
             target,
             ssim_lambda=self.config.ssim_lambda,
             weight=self.weights(index),
+            weight_ssim=self.method.weight_ssim,
             threads=self.threads,
             memory=self._memory,
         )
@@ -134,7 +135,8 @@ class Trainer:
         _refuse_nan(gradients, step)
         if self.schedule.observes(step):
             self._observe(state, gradients, rendering)
-        rates = self._fixed_rates | {"means": self.schedule.position_rate(step)}
+        position = self.method.rates * self.schedule.position_rate(step)
+        rates = self._fixed_rates | {"means": position}
         state.adam.step(state.splats, gradients, rates, self.threads)
         if self.schedule.densifies(step):
             self._densify(state, step)

@@ -9,10 +9,11 @@ from flows.options import benchmark_config, numbers, size, slug, words
 from mattgs_ops.errors import InputError
 
 
-def test_without_options_the_bundled_captures_run_under_the_papers_conditions() -> None:
+def test_without_options_the_bundled_captures_run_under_all_conditions_the_papers_first() -> None:
     config = benchmark_config(None, {"name": None, "iterations": None})
     assert [c.name for c in config.captures] == ["rover", "hexapod", "lattepanda"]
-    assert config.conditions == ("original-3dgs", "original-ours", "nobg-3dgs", "nobg-ours")
+    paper = ("original-3dgs", "original-ours", "nobg-3dgs", "nobg-ours")
+    assert config.conditions == (*paper, "original-ours+", "nobg-ours+")
 
 
 def test_options_override_the_file(tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ def write(folder: Path, text: str) -> Path:
 def test_the_default_is_the_papers_grid_on_the_bundled_captures() -> None:
     config = BenchmarkConfig()
     assert [c.name for c in config.captures] == ["rover", "hexapod", "lattepanda"]
-    assert config.conditions == PAPER_CONDITIONS
+    assert config.conditions == (*PAPER_CONDITIONS, "original-ours+", "nobg-ours+")
 
 
 def test_it_survives_json_unchanged_as_a_flow_parameter_must() -> None:

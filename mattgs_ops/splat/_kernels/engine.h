@@ -122,14 +122,15 @@ struct BinningChunk {
 struct LossImages {
     const float* image;         // [height, width, 3]
     const float* target;
-    const float* weight;        // [height, width] or null: all ones
+    const float* weight;        // of L1, [height, width] or null: all ones
+    bool weight_ssim;           // whether SSIM's map has the same weight
     int32_t width, height;
     float ssim_lambda;
     float* grad;                // out, [height, width, 3]
 };
 
 struct LossSums {               // over one row's values
-    double l1, weighted, ssim;
+    double l1, weighted, ssim, weighted_ssim;
 };
 
 struct AdamStep {

@@ -94,14 +94,27 @@ MATTGS_INLINE void blur_images(const Rows& r, int32_t first) {
     if (i < r.values) blur_column<false>(r, image, target, i);
 }
 
+// A row's weights, three times over as its values are.
+MATTGS_INLINE void spread_weights(const Rows& r, int32_t y, float* out) {
+    const float* given = r.in.weight + (int64_t)y * r.in.width;
+    for (int32_t i = 0; i < r.in.width; ++i) out[3 * i] = out[3 * i + 1] = out[3 * i + 2] = given[i];
+}
+
+struct SsimSums {
+    double plain, weighted;
+};
+
 // SSIM of row y, the block's k-th, and its derivatives with respect to the blurred maps.
-MATTGS_INLINE double ssim_row(const Rows& r, int32_t y, int k) {
+MATTGS_INLINE SsimSums ssim_row(const Rows& r, int32_t y, int k) {
     float* d_mean = r.derivative(D_MEAN, y);
     float* d_square = r.derivative(D_SQUARE, y);
     float* d_product = r.derivative(D_PRODUCT, y);
-    F total = F{};
+    F total = F{}, weighted = F{};
     const F count = to_float(lanes_from(0));
+    const bool given = r.in.weight && r.in.weight_ssim;
+    if (given) spread_weights(r, y, d_mean);  // each is read before its derivative takes its place
     for (int64_t i = 0; i < r.values; i += LANES) {
+        const F w = given ? load(d_mean + i) : all(1.0f);
         const F ms = 0.5f * horizontal(r.row(0, k) + i), ss = horizontal(r.row(1, k) + i);
         const F md = 0.5f * horizontal(r.row(2, k) + i), dd = horizontal(r.row(3, k) + i);
         const F mx = ms + md, my = ms - md;
@@ -113,14 +126,18 @@ MATTGS_INLINE double ssim_row(const Rows& r, int32_t y, int k) {
         const I inside = count < (float)(r.values - i);
         const F s = a1 * a2 * inverse;
         total += keep(s, inside);
+        weighted += keep(w * s, inside);
         // 1/b1 = b2 * inverse, 1/b2 = b1 * inverse
-        store(d_mean + i, keep(2.0f * inverse * (my * (a2 - a1) + mx * s * (b1 - b2)), inside));
-        store(d_square + i, keep(-s * b1 * inverse, inside));
-        store(d_product + i, keep(2.0f * a1 * inverse, inside));
+        store(d_mean + i, keep(2.0f * w * inverse * (my * (a2 - a1) + mx * s * (b1 - b2)), inside));
+        store(d_square + i, keep(-w * s * b1 * inverse, inside));
+        store(d_product + i, keep(2.0f * w * a1 * inverse, inside));
     }
-    double sum = 0;
-    for (int i = 0; i < LANES; ++i) sum += total[i];
-    return sum;
+    SsimSums sums{0, 0};
+    for (int i = 0; i < LANES; ++i) {
+        sums.plain += total[i];
+        sums.weighted += weighted[i];
+    }
+    return sums;
 }
 
 // Blurs the derivatives vertically, rows [first, first + BLOCK).
@@ -143,12 +160,9 @@ MATTGS_INLINE void gradient_row(const Rows& r, int32_t y, int k, LossSums& sums)
     const double all_values = (double)r.values * r.in.height;
     const float l1_scale = (float)((1.0 - r.in.ssim_lambda) / all_values);
     const float ssim_scale = (float)(-r.in.ssim_lambda / all_values);
-    // the weight of a pixel, three times over, where the fourth map was
-    float* weight = r.row(3, k);
-    const float* given = r.in.weight ? r.in.weight + (int64_t)y * r.in.width : nullptr;
-    if (given)
-        for (int32_t i = 0; i < r.in.width; ++i)
-            weight[3 * i] = weight[3 * i + 1] = weight[3 * i + 2] = given[i];
+    float* weight = r.row(3, k);  // where the fourth map was
+    const bool given = r.in.weight;
+    if (given) spread_weights(r, y, weight);
     const float* x = r.in.image + y * r.values;
     const float* t = r.in.target + y * r.values;
     float* out = r.in.grad + y * r.values;
@@ -196,8 +210,10 @@ void loss(const LossImages& in, int32_t first, int32_t last, LossSums* sums, flo
         clear_ends(r);
         for (int k = 0; k < BLOCK; ++k) {
             if (!r.inside(y + k)) continue;
-            const double ssim = ssim_row(r, y + k, k);
-            if (y + k >= first && y + k < last) sums[y + k].ssim = ssim;
+            const SsimSums ssim = ssim_row(r, y + k, k);
+            if (y + k < first || y + k >= last) continue;
+            sums[y + k].ssim = ssim.plain;
+            sums[y + k].weighted_ssim = ssim.weighted;
         }
         const int32_t done = y - RADIUS;
         if (done + BLOCK <= first || done >= last) continue;

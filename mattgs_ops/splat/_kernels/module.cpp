@@ -117,9 +117,9 @@ void backward(Rendering& rendering, const SplatsIn& splats, const In& grad_image
     rendering.backward(s, in, out, statistics);
 }
 
-std::tuple<double, double, double> loss(const In& image, const In& target,
-                                        const std::optional<In>& weight, double ssim_lambda,
-                                        int threads, const Out& grad) {
+std::tuple<double, double, double, double> loss(const In& image, const In& target,
+                                                const std::optional<In>& weight, bool weight_ssim,
+                                                double ssim_lambda, int threads, const Out& grad) {
     if (image.ndim() != 3) throw nb::value_error("image: unexpected shape");
     const int64_t h = static_cast<int64_t>(image.shape(0));
     const int64_t w = static_cast<int64_t>(image.shape(1));
@@ -127,6 +127,7 @@ std::tuple<double, double, double> loss(const In& image, const In& target,
     const LossImages images{data_of(image, {h, w, 3}, "image"),
                             data_of(target, {h, w, 3}, "target"),
                             weight ? data_of(*weight, {h, w}, "weight") : nullptr,
+                            weight_ssim,
                             static_cast<int32_t>(w),
                             static_cast<int32_t>(h),
                             static_cast<float>(ssim_lambda),
@@ -135,7 +136,8 @@ std::tuple<double, double, double> loss(const In& image, const In& target,
     const nb::gil_scoped_release release;
     const LossSums sums = photometric_loss(*active, images, threads);
     const double values = 3.0 * static_cast<double>(h) * static_cast<double>(w);
-    return {sums.weighted / values, sums.l1 / values, sums.ssim / values};
+    return {sums.weighted / values, sums.l1 / values, sums.ssim / values,
+            sums.weighted_ssim / values};
 }
 
 void adam(const Out& values, const In& grads, const Out& first, const Out& second, double rate,
@@ -216,7 +218,7 @@ NB_MODULE(_engine, m) {
         .def_prop_ro("seconds", &Rendering::seconds)
         .def_prop_ro("workspace_bytes", &Rendering::bytes);
     m.def("photometric_loss", &loss, nb::arg("image"), nb::arg("target"), nb::arg("weight").none(),
-          nb::arg("ssim_lambda"), nb::arg("threads"), nb::arg("grad"));
+          nb::arg("weight_ssim"), nb::arg("ssim_lambda"), nb::arg("threads"), nb::arg("grad"));
     m.def("adam", &adam, nb::arg("values"), nb::arg("grads"), nb::arg("first_moments"),
           nb::arg("second_moments"), nb::arg("rate"), nb::arg("beta1"), nb::arg("beta2"),
           nb::arg("epsilon"), nb::arg("step"), nb::arg("threads"));

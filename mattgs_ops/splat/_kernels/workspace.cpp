@@ -354,6 +354,7 @@ LossSums photometric_loss(const Kernels& kernels, const LossImages& images, int 
         total.l1 += r.l1;
         total.weighted += r.weighted;
         total.ssim += r.ssim;
+        total.weighted_ssim += r.weighted_ssim;
     }
     return total;
 }

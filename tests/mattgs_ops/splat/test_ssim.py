@@ -22,22 +22,29 @@ def images(
 @pytest.mark.parametrize(
     ("height", "width"), [(1, 1), (1, 40), (40, 1), (5, 6), (11, 11), (37, 50), (130, 23)]
 )
-@pytest.mark.parametrize("weighted", [False, True])
+@pytest.mark.parametrize("weighted", ["nothing", "L1", "both"])
 @pytest.mark.parametrize("ssim_lambda", [0.0, 0.2, 1.0])
 def test_loss_and_gradient_match_autograd(
-    height: int, width: int, weighted: bool, ssim_lambda: float
+    height: int, width: int, weighted: str, ssim_lambda: float
 ) -> None:
     image, target, weight = images(height, width)
     slow = image.double().requires_grad_()
     difference = (slow - target.double()).abs()
-    weights = weight.double() if weighted else torch.ones(height, width, dtype=torch.float64)
-    l1 = (weights[:, :, None] * difference).mean()
-    ssim = ssim_map(slow, target.double()).mean()
-    loss = (1 - ssim_lambda) * l1 + ssim_lambda * (1 - ssim)
+    ones = torch.ones(height, width, dtype=torch.float64)
+    w = ones if weighted == "nothing" else weight.double()
+    v = w if weighted == "both" else ones
+    l1 = (w[:, :, None] * difference).mean()
+    similarity = ssim_map(slow, target.double())
+    ssim = similarity.mean()
+    loss = (1 - ssim_lambda) * l1 + ssim_lambda * (1 - (v[:, :, None] * similarity).mean())
     loss.backward()
 
     found = photometric_loss(
-        image, target, ssim_lambda=ssim_lambda, weight=weight if weighted else None
+        image,
+        target,
+        ssim_lambda=ssim_lambda,
+        weight=None if weighted == "nothing" else weight,
+        weight_ssim=weighted == "both",
     )
     assert found.loss == pytest.approx(float(loss.detach()), abs=1e-5)
     assert found.l1 == pytest.approx(float(l1.detach()), abs=1e-6)

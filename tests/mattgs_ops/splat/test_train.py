@@ -47,13 +47,15 @@ def splats_of(folder: Path) -> bytes:
     return (folder / "splats.ply").read_bytes()
 
 
-def held_out_psnr(scene: Scene, condition: str, folder: Path) -> float:
+def held_out_psnr(scene: Scene, condition: str, folder: Path, *, inside: bool = False) -> float:
+    """PSNR of the held-out views, or of the object's pixels alone."""
     splats = read_ply(folder / "splats.ply")
     errors = []
     for view in scene.registered("test"):
         truth = load_view(view, Condition.parse(condition).background, 48)
         shown = render_view(splats, truth.camera) / 255.0
-        errors.append(((shown - truth.image) ** 2).mean())
+        chosen = truth.mask > 0.5 if inside else np.ones_like(truth.mask, bool)
+        errors.append(((shown - truth.image)[chosen] ** 2).mean())
     return float(-10 * np.log10(np.mean(errors)))
 
 
@@ -70,6 +72,34 @@ def test_held_out_views_come_out_well_above_the_start(
     last = held_out_psnr(tiny_scene, condition, tmp_path / "end")
     assert last > first + gain, (first, last)
     assert after.loss_terms["l1"] < 0.5 * before.loss_terms["l1"]
+
+
+def test_weight_on_the_object_makes_it_better_where_the_background_competes(
+    run: Train, tiny_scene: Scene, tmp_path: Path
+) -> None:
+    plain = {"weighting": "residual", "attention": "object", "weight": 0}
+    for out, weight in (("even", 0.0), ("object", 20.0)):
+        method = MethodConfig(**plain, mask_weight=weight, weight_ssim=True)
+        run(out, "original-3dgs", method=method, iterations=300)
+    even, weighted = (
+        held_out_psnr(tiny_scene, "original-3dgs", tmp_path / out, inside=True)
+        for out in ("even", "object")
+    )
+    assert weighted > even
+
+
+def test_rates_are_raised_for_everything_but_opacity(run: Train, tmp_path: Path) -> None:
+    for out, rates in (("one", 1.0), ("two", 2.0)):
+        run(out, method=MethodConfig(rates=rates), iterations=1)
+    one, two = (read_ply(tmp_path / out / "splats.ply") for out in ("one", "two"))
+    # Adam's first step is the rate itself, wherever there is a gradient
+    apart = (two.log_scales - one.log_scales).abs()
+    moved = apart > 0
+    assert moved.float().mean() > 0.5
+    torch.testing.assert_close(apart[moved].mean(), torch.tensor(TrainConfig().lr_scale))
+    for name, value in one.items():
+        same = torch.equal(value, getattr(two, name))
+        assert same == (name in ("opacity_logits", "sh_rest")), name  # SH starts at degree 0
 
 
 def test_a_seed_repeats_to_the_bit_whatever_the_threads(run: Train, tmp_path: Path) -> None:

@@ -88,7 +88,7 @@ def save(
 
 
 def colours(rows: Sequence[Row]) -> dict[str, str]:
-    """Give each method its colour; 3DGS and Ours keep theirs whatever else there is."""
+    """Give each method its colour; 3DGS, Ours and Ours+ keep theirs whatever else there is."""
     others = sorted({row["method"] for row in rows} - set(METHOD_ORDER))
     methods = [*METHOD_ORDER, *others]
     return dict(zip(methods, islice(cycle(PALETTE), len(methods)), strict=True))

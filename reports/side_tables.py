@@ -5,6 +5,7 @@ from typing import Any
 
 from reports import columns, paper
 from reports.columns import Column
+from reports.difference_table import difference_tables
 from reports.formats import Entry, Group, Line, Table
 from reports.rows import Row, background_name, capture_name, cells, refused
 from reports.tables import (
@@ -181,6 +182,7 @@ def all_tables(rows: Sequence[Row], values: paper.PaperValues | None = None) -> 
     rows = refused(rows)
     extra = [
         mask_table(rows),
+        *difference_tables(rows),
         training_table(rows),
         quality_table(rows),
         cost_table(rows),

@@ -7,9 +7,9 @@ ratios of means; differences below 1 % are called none.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from statistics import fmean
 
 from reports import columns, statistics
+from reports.pairs import ratio, view_scores
 from reports.rows import (
     Cell,
     Row,
@@ -17,7 +17,6 @@ from reports.rows import (
     capture_name,
     captures,
     cells,
-    held_out_views,
     method_name,
     refused,
 )
@@ -90,28 +89,12 @@ def compare(mine: Sequence[Cell], background: str) -> list[Comparison]:
     for cell in finished:
         if cell is base:
             continue
-        metric = "mask_psnr" if _views(cell, "mask_psnr") and _views(base, "mask_psnr") else "psnr"
-        interval = statistics.paired(_views(cell, metric), _views(base, metric))
-        size, time = _ratio(cell, base, "size_mb"), _ratio(cell, base, "time")
+        masked = view_scores(cell, "mask_psnr") and view_scores(base, "mask_psnr")
+        metric = "mask_psnr" if masked else "psnr"
+        interval = statistics.paired(view_scores(cell, metric), view_scores(base, metric))
+        size, time = ratio(cell, base, "size_mb"), ratio(cell, base, "time")
         out.append(Comparison(background, cell.key.method, metric, interval, size, time))
     return out
-
-
-def _views(cell: Cell, metric: str) -> dict[tuple[str, int], float]:
-    return {
-        (str(view["view"]), int(row["seed"])): float(view[metric])
-        for row in cell.finished
-        for view in held_out_views(row)
-        if view.get(metric) is not None
-    }
-
-
-def _ratio(cell: Cell, base: Cell, metric: str) -> float | None:
-    ours = [row["metrics"].get(metric) for row in cell.finished]
-    theirs = [row["metrics"].get(metric) for row in base.finished]
-    if not all(ours) or not all(theirs):
-        return None
-    return fmean(ours) / fmean(theirs)
 
 
 def signed(decibels: float) -> str:
@@ -132,12 +115,12 @@ def _quality_words(found: Comparison) -> str:
 
 def _cost_words(found: Comparison) -> str:
     parts = []
-    for ratio, saved, cost in (
+    for times, saved, cost in (
         (found.size, "a {} smaller file", "a {} larger file"),
         (found.time, "{} less training time", "{} more training time"),
     ):
-        if ratio is not None and abs(ratio - 1) >= NEGLIGIBLE:
-            parts.append((saved if ratio < 1 else cost).format(f"{abs(ratio - 1) * 100:.0f} %"))
+        if times is not None and abs(times - 1) >= NEGLIGIBLE:
+            parts.append((saved if times < 1 else cost).format(f"{abs(times - 1) * 100:.0f} %"))
     if not parts:
         return " at the same size and time"
     return ", with " + " and ".join(parts)
@@ -166,10 +149,10 @@ def _background_saving(mine: Sequence[Cell]) -> str:
     base = {c.key.background: c for c in mine if c.key.method == BASE and c.finished}
     if base.keys() < {"original", "nobg"}:
         return ""
-    size = _ratio(base["nobg"], base["original"], "size_mb")
-    time = _ratio(base["nobg"], base["original"], "time")
+    size = ratio(base["nobg"], base["original"], "size_mb")
+    time = ratio(base["nobg"], base["original"], "time")
     quality = statistics.paired(
-        _views(base["nobg"], "mask_psnr"), _views(base["original"], "mask_psnr")
+        view_scores(base["nobg"], "mask_psnr"), view_scores(base["original"], "mask_psnr")
     )
     parts = [f"PSNR in mask {signed(quality.mean)} dB"] if quality else []
     parts += [f"size × {size:.2f}"] if size else []

@@ -15,15 +15,15 @@ namespace {
 enum { TRANSMITTANCE, BEHIND, GRAD_RED, GRAD_GREEN, GRAD_BLUE, MAP, FIELDS };
 
 struct alignas(64) State {
-    float v[WIDE_STRIPS][TILE][FIELDS][LANES];
-    int32_t deepest[WIDE_STRIPS];  // greatest stop of the strip's pixels
+    float v[STRIPS][TILE][FIELDS][LANES];
+    int32_t deepest[STRIPS];  // greatest stop of the strip's pixels
 };
 
 MATTGS_INLINE void start(const BackwardTile& t, State& state) {
     const TileView& v = t.view;
     const int rows = v.height - v.y0 < TILE ? v.height - v.y0 : TILE;
     const int columns = v.width - v.x0 < TILE ? v.width - v.x0 : TILE;
-    for (int s = 0; s < WIDE_STRIPS; ++s) state.deepest[s] = 0;
+    for (int s = 0; s < STRIPS; ++s) state.deepest[s] = 0;
     alignas(64) float line[5][TILE] = {};
     for (int r = 0; r < TILE; ++r) {
         if (r < rows) {
@@ -37,7 +37,7 @@ MATTGS_INLINE void start(const BackwardTile& t, State& state) {
             for (int x = 0; x < columns; ++x) line[3][x] = t.grad_alpha ? t.grad_alpha[pixel + x] : 0.0f;
             for (int x = 0; x < columns; ++x) line[4][x] = t.pixel_map ? t.pixel_map[pixel + x] : 0.0f;
         }
-        for (int s = 0; s < WIDE_STRIPS; ++s) {
+        for (int s = 0; s < STRIPS; ++s) {
             float* p = state.v[s][r][0];
             const int at = (s * TILE + r) * LANES, x = s * LANES;
             const F red = load(line[0] + x), green = load(line[1] + x), blue = load(line[2] + x);
@@ -136,9 +136,7 @@ MATTGS_INLINE void one_pair(const Prepared& prepared, int position, State& state
         if (BROAD_SPLAT) rows.add_to(sums, s, start, dy);
     }
     sums[SUM_ABS_X] *= s.sx;
-    F8 folded[SLOT_SIZE];
-    for (int k = 0; k < SLOT_SIZE; ++k) folded[k] = fold(sums[k]);
-    const F8 low = sums_of_eight(folded), high = sums_of_eight(folded + 8);
+    const F8 low = sums_of_eight(sums), high = sums_of_eight(sums + 8);
     __builtin_memcpy(slot, &low, 32);
     __builtin_memcpy(slot + 8, &high, STATISTICS ? 32 : 16);
 }

@@ -9,6 +9,9 @@ namespace MATTGS_ISA {
 namespace {
 
 constexpr int PREFETCH_SPLATS = 12;
+typedef int32_t I4 __attribute__((vector_size(16), may_alias));
+typedef uint8_t B4 __attribute__((vector_size(4), may_alias));
+static_assert(STRIPS == 4);
 
 MATTGS_INLINE F8 all8(float x) { return x - F8{}; }
 MATTGS_INLINE I8 all8(int32_t x) { return x - I8{}; }
@@ -75,6 +78,23 @@ MATTGS_INLINE I8 rows_of_strips(const Ellipse& e, int32_t x0, int32_t height) {
     return rows & reached;
 }
 
+// Clips rows to the tile; says whether any are left.
+MATTGS_INLINE bool set_rows(Pair& p, I8 rows) {
+    const I8 zero = I8{}, most = all8(TILE);
+    rows = rows > zero ? rows : zero;
+    rows = rows < most ? rows : most;
+    const I4 first = MATTGS_SHUFFLE(rows, rows, 0, 1, 2, 3);
+    I4 last = MATTGS_SHUFFLE(rows, rows, 4, 5, 6, 7);
+    last = last > first ? last : first;
+    const B4 a = __builtin_convertvector(first, B4), b = __builtin_convertvector(last, B4);
+    uint32_t from, to;
+    __builtin_memcpy(&from, &a, STRIPS);
+    __builtin_memcpy(&to, &b, STRIPS);
+    __builtin_memcpy(p.first, &from, STRIPS);
+    __builtin_memcpy(p.last, &to, STRIPS);
+    return from != to;
+}
+
 }  // namespace
 
 void bin(BinningChunk& c) {
@@ -103,20 +123,9 @@ void bin(BinningChunk& c) {
             for (int i = 0; i < STRIPS; ++i)
                 if (i >= strips) rows[i] = rows[i + STRIPS] = 0;
             for (int32_t ty = ty0; ty < ty1; ++ty) {
-                I8 local = rows - ty * TILE;
-                const I8 zero = I8{}, most = all8(TILE);
-                local = local > zero ? local : zero;
-                local = local < most ? local : most;
                 Pair p;
-                int32_t covered = 0;
-                for (int i = 0; i < STRIPS; ++i) {
-                    const int32_t a = local[i], b = local[i + STRIPS];
-                    p.first[i] = (uint8_t)a;
-                    p.last[i] = (uint8_t)(b > a ? b : a);
-                    covered |= b > a;
-                }
-                if (!covered) continue;
                 p.rank = (uint32_t)rank;
+                if (!set_rows(p, rows - ty * TILE)) continue;
                 const uint32_t tile = (uint32_t)(ty * width + tx);
                 c.pairs[n] = p;
                 c.tiles[n] = tile;

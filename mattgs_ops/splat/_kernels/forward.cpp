@@ -16,11 +16,11 @@ constexpr int32_t NEVER = 0x7fffffff;
 constexpr int CHECK_EVERY = 32;  // pairs between looks at whether every pixel is finished
 
 struct alignas(64) State {
-    float v[WIDE_STRIPS][TILE][4][LANES];  // transmittance, red, green, blue
+    float v[STRIPS][TILE][4][LANES];  // transmittance, red, green, blue
 };
 
 MATTGS_INLINE void start(const TileView& view, State& state, TilePixels& pixels) {
-    for (int s = 0; s < WIDE_STRIPS; ++s) {
+    for (int s = 0; s < STRIPS; ++s) {
         const I column = lanes_from(view.x0 + s * LANES);
         for (int r = 0; r < TILE; ++r) {
             // pixels outside the image are finished from the start
@@ -35,7 +35,7 @@ MATTGS_INLINE void start(const TileView& view, State& state, TilePixels& pixels)
 
 MATTGS_INLINE bool all_finished(const State& state) {
     F most = all(-1.0f);
-    for (int s = 0; s < WIDE_STRIPS; ++s)
+    for (int s = 0; s < STRIPS; ++s)
         for (int r = 0; r < TILE; ++r) most = max(most, load(state.v[s][r][0]));
     return !any(most > 0.0f);
 }
@@ -87,7 +87,7 @@ MATTGS_INLINE void finish(const ForwardTile& t, const State& state) {
     const int columns = v.width - v.x0 < TILE ? v.width - v.x0 : TILE;
     alignas(64) float line[4][TILE];
     for (int r = 0; r < rows; ++r) {
-        for (int s = 0; s < WIDE_STRIPS; ++s) {
+        for (int s = 0; s < STRIPS; ++s) {
             const float* p = state.v[s][r][0];
             const F left = abs(load(p));
             store(t.pixels->transmittance + (s * TILE + r) * LANES, left);

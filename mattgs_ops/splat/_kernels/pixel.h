@@ -1,4 +1,4 @@
-// Alpha along a strip of pixels LANES wide, row by row, the same for forward and backward, so that
+// Alpha along a strip of 8 pixels, row by row, the same for forward and backward, so that
 // both see the same bits.
 //
 // log2(alpha) is quadratic in the row, so alpha itself obeys a recurrence: with a = alpha and
@@ -6,7 +6,7 @@
 // for the whole splat. Two multiplications a row instead of an exponential. It needs every lane's
 // value to stay a normal number, which holds unless the splat is thin: every row of a strip's span
 // has a point inside the ellipse, where log2(alpha) >= -8 and |u| <= sqrt(8); the other lanes are
-// less than LANES pixels away, so log2(alpha) >= -8 - (sqrt(8) + (LANES - 1) * sx)^2. Thinner ones
+// less than 8 pixels away, so log2(alpha) >= -8 - (sqrt(8) + 7 * sx)^2. Thinner ones
 // take an exponential a row.
 #pragma once
 
@@ -17,21 +17,8 @@ namespace mattgs {
 namespace MATTGS_ISA {
 namespace {
 
-constexpr int WIDE_STRIPS = TILE / LANES;   // strips as wide as a vector
-constexpr int MERGED = LANES / STRIP;       // strips of 8 columns in one of those
+static_assert(LANES == STRIP, "compile the kernels over pixels with vectors of 8");
 constexpr int PREFETCH = 6;                 // pairs ahead
-
-MATTGS_INLINE void rows_of(const Pair& p, int strip, int& first, int& last) {
-    first = p.first[strip * MERGED];
-    last = p.last[strip * MERGED];
-    for (int i = 1; i < MERGED; ++i) {
-        const int a = p.first[strip * MERGED + i], b = p.last[strip * MERGED + i];
-        if (b <= a) continue;
-        const bool empty = last <= first;
-        first = empty || a < first ? a : first;
-        last = empty || b > last ? b : last;
-    }
-}
 
 // The rows of a tile as numbers, and their squares, to be broadcast from memory.
 #define MATTGS_ROWS(f)                                                                       \
@@ -45,26 +32,25 @@ alignas(64) constexpr float ROW_SQUARED[TILE + 1] = MATTGS_ROWS(MATTGS_SQUARE);
 
 // A pair ready for its rows: made one pair ahead, so that nothing waits for the exponentials.
 struct Prepared {
-    alignas(64) float alpha[WIDE_STRIPS][LANES], ratio[WIDE_STRIPS][LANES];
+    alignas(64) float alpha[STRIPS][LANES], ratio[STRIPS][LANES];
     float lanes[LANES];                        // u of a strip's columns, from its first
     alignas(16) float u[4], dy[4];             // of a strip's first column and row
-    int32_t first[WIDE_STRIPS], rows[WIDE_STRIPS];
-    int32_t used[WIDE_STRIPS + 1], count;      // the strips that have rows
+    int32_t first[STRIPS], rows[STRIPS];
+    int32_t used[STRIPS + 1], count;      // the strips that have rows
     const Projected* splat;
 
     MATTGS_INLINE F columns(int strip) const { return u[strip] + load(lanes); }
 };
 
 MATTGS_INLINE void prepare(const TileView& view, int position, Prepared& out) {
-    static_assert(WIDE_STRIPS <= 4);
+    static_assert(STRIPS == 4);
     const Pair& pair = view.pairs[position];
     const Projected& s = view.splats[pair.rank];
     out.splat = &s;
     int count = 0;
     F4 row = {};
-    for (int i = 0; i < WIDE_STRIPS; ++i) {
-        int first, last;
-        rows_of(pair, i, first, last);
+    for (int i = 0; i < STRIPS; ++i) {
+        const int first = pair.first[i], last = pair.last[i];
         out.first[i] = first;
         out.rows[i] = last - first;
         out.used[count] = i;
@@ -85,7 +71,8 @@ MATTGS_INLINE void prepare(const TileView& view, int position, Prepared& out) {
     store(out.lanes, lanes);
     // the ratio to the next row is geometric along a row
     const F ratio_lanes = exp2_fine<F, U>(twice * lanes);
-    for (int i = 0; i < WIDE_STRIPS; ++i) {
+    for (int k = 0; k < count; ++k) {
+        const int i = out.used[k];
         const F c = u[i] + lanes;
         store(out.alpha[i], exp2_fast(level[i] - c * c));
         store(out.ratio[i], ratio[i] * ratio_lanes);

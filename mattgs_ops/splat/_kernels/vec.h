@@ -25,7 +25,7 @@ namespace MATTGS_ISA {
 namespace {
 
 constexpr int LANES = MATTGS_LANES;
-constexpr float BROAD = LANES == 8 ? 0.95f : 0.45f;  // greatest Projected::sx, see pixel.h
+constexpr float BROAD = 0.95f;  // greatest Projected::sx, see pixel.h
 
 typedef float F __attribute__((vector_size(4 * MATTGS_LANES), may_alias));
 typedef float FU __attribute__((vector_size(4 * MATTGS_LANES), aligned(4), may_alias));
@@ -126,27 +126,15 @@ MATTGS_INLINE F exp_accurate(F x) {
     return (F)((U)y + ((U)r << 23));
 }
 
-// Sums of LANES vectors' lanes are needed nine or thirteen at a time: eight vectors in, lane k of
-// the result is the sum of vector k. For 16 lanes the halves are added first.
 typedef float F4 __attribute__((vector_size(16), may_alias));
 typedef uint32_t U4 __attribute__((vector_size(16), may_alias));
 typedef float F8 __attribute__((vector_size(32), may_alias));
 typedef float FU8 __attribute__((vector_size(32), aligned(4), may_alias));
 typedef int32_t I8 __attribute__((vector_size(32), may_alias));
 
-MATTGS_INLINE F8 fold(F v) {
-#if MATTGS_LANES == 8
-    return v;
-#else
-    F8 lo, hi;
-    __builtin_memcpy(&lo, &v, 32);
-    __builtin_memcpy(&hi, reinterpret_cast<const char*>(&v) + 32, 32);
-    return lo + hi;
-#endif
-}
-
 #define MATTGS_SHUFFLE(a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
 
+// Lane k of the result is the sum of vector k's lanes.
 MATTGS_INLINE F8 sums_of_eight(const F8 v[8]) {
     F8 a[4], b[2];
     for (int i = 0; i < 4; ++i) {

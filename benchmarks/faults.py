@@ -7,7 +7,8 @@ half-written lay in the store, and no process is left over.
 
     python benchmarks/faults.py [--folder DIR] [--only NAME…]
 
-The run without faults is not repeated where ``DIR`` holds it.
+The run without faults is not repeated where ``DIR`` holds it, and neither are faults tried there:
+their lines are printed again, unless ``--only`` names them.
 One Prefect server serves most runs, to save time; the faults that need it start their own. The
 fault `a full disk` needs the right to mount a tmpfs.
 """
@@ -28,34 +29,15 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import psutil
-from PIL import Image
 
-import mattgs_ops
+from benchmarks import tiny
 from flows.prefect_server import PrefectServer
 from mattgs_ops.store import Store
 from tasks import registry
 
-PHOTOS = Path(mattgs_ops.__file__).parent / "bundled" / "lattepanda" / "images"
-VIEWS = 8
-SETTINGS = """
-name = "faults"
-iterations = 600
-resolution = 64
-conditions = ["nobg-3dgs"]
-[[captures]]
-name = "board"
-path = "photos"
-[segment]
-source = "none"
-[sfm]
-max_features = 1500
-[train]
-checkpoint_every = 50
-max_splats = 2500
-[run]
-workers = 1
-"""
-EXPERIMENTS = 1
+CONDITIONS = ("nobg-3dgs", "nobg-ours")
+OPTIONS = ["--name", "faults", "--iterations", "600", "--conditions", ",".join(CONDITIONS)]
+EXPERIMENTS = len(CONDITIONS)
 SETTLE_SECONDS = 15.0  # for what the kernel and Dask clean up after a kill
 HANG_SECONDS = 600.0  # a run that takes longer than this hangs
 SPARE_BYTES = 1_000_000  # on the full disk: less than a training's checkpoint takes
@@ -81,7 +63,7 @@ class Trial:
     def start(self) -> "subprocess.Popen[str]":
         """Start the benchmark; its machine-wide locks are this trial's own."""
         command = [sys.executable, "-m", "flows.cli", "run", "--out", str(self.out)]
-        settings = ["--config", str(self.folder / "faults.toml")]
+        settings = ["--config", str(self.folder / "tiny.toml"), *OPTIONS]
         return subprocess.Popen(
             [*command, *settings, *self.options],
             stdout=subprocess.PIPE,
@@ -138,6 +120,10 @@ class Trial:
         stages = [p for p in store.root.glob("*") if p.name not in ("work", "locks", "users")]
         keys = [f"{stage.name}/{place.name}" for stage in stages for place in stage.iterdir()]
         return sum(store.find(key) is None for key in keys)
+
+    def experiments(self) -> int:
+        """Count the rows."""
+        return len(json.loads(self.rows.read_text(encoding="utf-8")))
 
     def splats(self) -> dict[str, str]:
         """Return condition → digest of its splats."""
@@ -325,7 +311,7 @@ def main() -> None:
     """Try every fault and print the table; exit code 1 when one was not survived."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--folder", type=Path, help="work here; by default a temporary folder")
-    parser.add_argument("--only", nargs="*", default=list(FAULTS), choices=list(FAULTS))
+    parser.add_argument("--only", nargs="*", choices=list(FAULTS))
     options = parser.parse_args()
     folder = (options.folder or Path(tempfile.mkdtemp(prefix="mattgs-faults-"))).resolve()
     with shared_services(folder):
@@ -345,30 +331,36 @@ def shared_services(folder: Path) -> Iterator[None]:
         server.stop()
 
 
-def try_all(folder: Path, names: list[str]) -> bool:
-    """Try faults one after another; return whether all were survived."""
-    (folder / "photos").mkdir(parents=True, exist_ok=True)
-    for path in sorted(PHOTOS.glob("*.jpg"))[:VIEWS]:
-        with Image.open(path) as photo:
-            photo.resize((480, 360)).save(folder / "photos" / path.name, quality=95)
-    (folder / "faults.toml").write_text(SETTINGS, encoding="utf-8")
+def try_all(folder: Path, names: list[str] | None) -> bool:
+    """Try faults one after another; return whether all were survived.
+
+    Without ``names`` those that were not tried in this folder before.
+    """
+    tiny.write(folder)
+    results = folder / "results.json"
+    known = json.loads(results.read_text(encoding="utf-8")) if results.is_file() else {}
     reference = Trial(folder, "reference", None)
-    began = time.monotonic()
     if not reference.rows.is_file() and reference.run() != 0:
         sys.exit(f"the benchmark does not even run without faults: {folder / 'told.txt'}")
-    print(f"Without a fault: {time.monotonic() - began:.0f} s.\n")
     print(
         "| fault | the run itself | half-written | processes left | rerun | resumed at step |"
         " same splats | runs | seconds | survived |"
     )
     print("|---|---|--:|--:|---|---|---|--:|--:|---|", flush=True)
-    survived = [attempt(folder, name, reference) for name in names]
-    print(f"\n{len(survived)} faults tried, {sum(survived)} survived.")
-    return all(survived)
+    for name in names or FAULTS:
+        if names is not None or name not in known:
+            known[name] = attempt(folder, name, reference)
+            results.write_text(json.dumps(known), encoding="utf-8")
+        print(f"| {' | '.join(str(cell) for cell in (name, *known[name]))} |", flush=True)
+    mine = [known[name] for name in names or FAULTS]
+    survived = sum(cells[-1] == "yes" for cells in mine)
+    print(f"\n{len(mine)} faults tried, {survived} survived.")
+    return survived == len(mine)
 
 
-def attempt(folder: Path, name: str, reference: Trial) -> bool:
-    """Try one fault, print its line, return whether all was well afterwards."""
+def attempt(folder: Path, name: str, reference: Trial) -> list[str | int]:
+    """Try one fault; return its line of the table, which ends with whether it was survived."""
+    shutil.rmtree(folder / name.replace(" ", "-"), ignore_errors=True)
     trial, fault, began = Trial(folder, name, reference.out), FAULTS[name], time.monotonic()
     try:
         happened = fault(trial)
@@ -379,16 +371,14 @@ def attempt(folder: Path, name: str, reference: Trial) -> bool:
         runs = trial.runs()
         resumed = trial.resumed()
     except (subprocess.CalledProcessError, OSError, RuntimeError, psutil.Error) as error:
-        print(f"| {name} | {error} | | | | | | | | **no** |", flush=True)
-        return False
+        return [str(error), "", "", "", "", "", "", round(time.monotonic() - began), "**no**"]
     finally:
         if os.path.ismount(trial.out):
             subprocess.run(["umount", "-l", str(trial.out)], check=True)
-    well = code == 0 and same and runs == EXPERIMENTS and left == 0 and half == 0
-    cells = [name, happened, half, left, f"exit {code}", resumed, "yes" if same else "**no**"]
-    cells += [runs, round(time.monotonic() - began), "yes" if well else "**no**"]
-    print(f"| {' | '.join(str(cell) for cell in cells)} |", flush=True)
-    return well
+    once = trial.experiments() == runs == EXPERIMENTS
+    well = code == 0 and same and once and left == 0 and half == 0
+    told = [happened, half, left, f"exit {code}", resumed, "yes" if same else "**no**", runs]
+    return [*told, round(time.monotonic() - began), "yes" if well else "**no**"]
 
 
 if __name__ == "__main__":

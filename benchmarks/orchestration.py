@@ -18,19 +18,16 @@ from pathlib import Path
 from typing import Any
 
 import psutil
-from PIL import Image
 
-import mattgs_ops
+from benchmarks import tiny
 from flows import embedded
 from flows.grid import cells
-from mattgs_ops.config import BenchmarkConfig, CaptureConfig
+from mattgs_ops.config import BenchmarkConfig, load_toml
 from mattgs_ops.store import stage_key
 from tasks import evaluate, measure, prepare, segment, sfm, train
 from tasks.row import Outcome
 from tasks.stage import Artifact, Place, Stage, code_versions
 
-PHOTOS = Path(mattgs_ops.__file__).parent / "bundled" / "lattepanda" / "images"
-VIEWS = 8
 CAPTURE = "board"
 STAGES = (prepare, segment, sfm, train, evaluate, measure)
 
@@ -46,7 +43,7 @@ def main() -> None:
     out = folder / "out"
     out.mkdir(parents=True, exist_ok=True)
     embedded.quieten(out)
-    config = _config(folder)
+    config = load_toml(tiny.write(folder))
     began = time.monotonic()
     with embedded.Starting(out, config.run) as starting:
         services = starting.ready()
@@ -61,25 +58,6 @@ def main() -> None:
             _flow(grid, out, services)
             took, worked = time.monotonic() - began, _cpu_seconds() - worked
             print(f"| {size} | {took:.1f} | {worked:.1f} | {took / size:.2f} |", flush=True)
-
-
-def _config(folder: Path) -> BenchmarkConfig:
-    photos = folder / "photos"
-    photos.mkdir(parents=True, exist_ok=True)
-    for path in sorted(PHOTOS.glob("*.jpg"))[:VIEWS]:
-        with Image.open(path) as photo:
-            photo.resize((480, 360)).save(photos / path.name, quality=95)
-    return BenchmarkConfig.model_validate(
-        {
-            "name": "grid",
-            "captures": [CaptureConfig(name=CAPTURE, path=photos)],
-            "conditions": ["nobg-3dgs"],
-            "iterations": 20,
-            "resolution": 64,
-            "segment": {"source": "none"},
-            "sfm": {"max_features": 1500},
-        }
-    )
 
 
 def _flow(config: BenchmarkConfig, out: Path, services: embedded.Services) -> None:

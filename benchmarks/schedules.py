@@ -18,28 +18,12 @@ from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from PIL import Image
-
-import mattgs_ops
+from benchmarks import tiny
 from flows import embedded
 from flows.prefect_server import healthy
 from flows.serve import server
 
 ROOT = Path(__file__).resolve().parents[1]
-PHOTOS = Path(mattgs_ops.__file__).parent / "bundled" / "lattepanda" / "images"
-VIEWS = 8
-SETTINGS = """
-resolution = 64
-iterations = 20
-conditions = ["nobg-3dgs"]
-[[captures]]
-name = "board"
-path = "photos"
-[segment]
-source = "none"
-[sfm]
-max_features = 1500
-"""
 DEPLOYMENT = "grid/nightly"
 TIMEOUT_SECONDS = 400.0
 SOON = timedelta(seconds=10)
@@ -53,20 +37,12 @@ def main() -> None:
     parser.add_argument("--only", choices=["pool", "serve"])
     options = parser.parse_args()
     folder = (options.folder or Path(tempfile.mkdtemp(prefix="mattgs-schedules-"))).resolve()
-    _write_input(folder)
+    tiny.write(folder)
     embedded.quieten(folder)
     os.environ["TMPDIR"] = str(folder)
     ways = {"pool": with_a_pool, "serve": with_serve}
     ended = [ways[w](folder / w) for w in ways if options.only in (None, w)]
     sys.exit(0 if all(state == "COMPLETED" for state in ended) else 1)
-
-
-def _write_input(folder: Path) -> None:
-    (folder / "photos").mkdir(parents=True, exist_ok=True)
-    for path in sorted(PHOTOS.glob("*.jpg"))[:VIEWS]:
-        with Image.open(path) as photo:
-            photo.resize((480, 360)).save(folder / "photos" / path.name, quality=95)
-    (folder / "tiny.toml").write_text(SETTINGS, encoding="utf-8")
 
 
 def with_a_pool(folder: Path) -> str:

@@ -22,27 +22,11 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from PIL import Image
-
-import mattgs_ops
+from benchmarks import tiny
 from flows.prefect_server import PrefectServer
 
-PHOTOS = Path(mattgs_ops.__file__).parent / "bundled" / "lattepanda" / "images"
-VIEWS = 8
-SETTINGS = """
-name = "two-machines"
-iterations = 50
-resolution = 64
-conditions = ["nobg-3dgs", "nobg-ours"]
-seeds = [0, 1]
-[[captures]]
-name = "board"
-path = "photos"
-[segment]
-source = "none"
-[sfm]
-max_features = 1500
-"""
+OPTIONS = ["--name", "two-machines", "--iterations", "50", "--seeds", "0,1"]
+OPTIONS += ["--conditions", "nobg-3dgs,nobg-ours"]
 WORKERS = ("worker-a", "worker-b")
 START_SECONDS = 180.0
 BUCKET = "mattgs"
@@ -74,12 +58,9 @@ def main() -> None:
 
 
 def _write_input(folder: Path) -> None:
-    for name in ("photos", "flow", *WORKERS):
+    for name in ("flow", *WORKERS):
         (folder / name).mkdir(parents=True, exist_ok=True)
-    for path in sorted(PHOTOS.glob("*.jpg"))[:VIEWS]:
-        with Image.open(path) as photo:
-            photo.resize((480, 360)).save(folder / "photos" / path.name, quality=95)
-    (folder / "grid.toml").write_text(SETTINGS, encoding="utf-8")
+    tiny.write(folder)
 
 
 @contextmanager
@@ -188,7 +169,8 @@ def _wait_for_workers(address: str) -> None:
 
 
 def _run(folder: Path, scheduler: str) -> int:
-    command = [sys.executable, "-m", "flows.cli", "run", "--config", str(folder / "grid.toml")]
+    command = [sys.executable, "-m", "flows.cli", "run", "--config", str(folder / "tiny.toml")]
+    command += OPTIONS
     command += ["--dask-scheduler", scheduler, "--store", f"s3://{BUCKET}/store"]
     command += ["--out", str(folder / "flow")]
     environment = os.environ | {"TMPDIR": str(folder / "flow")}

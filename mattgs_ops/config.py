@@ -223,6 +223,9 @@ class RunConfig(Frozen):
     retries: int = Field(1, ge=0)
     dask_scheduler: str | None = Field(None, description="tcp://… of an existing scheduler")
     store: str | None = Field(None, description="s3://… or another fsspec URL for finished stages")
+    checkpoint_copy_every: float = Field(
+        600, ge=0, description="seconds between copies of a checkpoint to `store`; 0: none"
+    )
 
 
 class BenchmarkConfig(Frozen):

@@ -4,6 +4,7 @@ Any fsspec URL will do (``s3://bucket/folder``, ``gs://…``, ``file:///…``). 
 
     objects/SHA256               contents of files, named by their digest
     STAGE/DIGEST/manifest.json   which files an artifact consists of; written last
+    drafts/STAGE/DIGEST/…        what an unfinished stage had last, with a manifest of its own
 
 An artifact is there when its manifest is. Objects never change, so two machines that finish the
 same stage at once cannot mix their files: the first manifest stays. Everything is verified on the
@@ -17,17 +18,18 @@ appear whole, as S3 and its relatives promise. Endpoint and credentials come fro
 import json
 import logging
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from mattgs_ops.digests import file_digest
+from mattgs_ops.digests import file_digest, list_files
 from mattgs_ops.errors import InputError, StageError
 
 MARK = "mattgs-store.json"
 SCHEMA = 1
 MANIFEST = "manifest.json"
+DRAFTS = "drafts"
 
 log = logging.getLogger(__name__)
 
@@ -62,13 +64,16 @@ class RemoteStore:
 
     def manifest(self, key: str) -> dict[str, Any] | None:
         """Return an artifact's manifest; None when there is none, or half of one."""
+        return self._read(self._place(key))
+
+    def _read(self, path: str) -> dict[str, Any] | None:
         with self._errors():
             try:
-                found = json.loads(self._files.cat_file(self._place(key)))
+                found = json.loads(self._files.cat_file(path))
             except FileNotFoundError:
                 return None
             except ValueError:
-                log.warning("%s: %s has an unreadable manifest", self.url, key)
+                log.warning("%s: %s is unreadable", self.url, path.removeprefix(self._root))
                 return None
         return found if isinstance(found, dict) and "files" in found else None
 
@@ -84,7 +89,7 @@ class RemoteStore:
         for name, row in manifest["files"].items():
             target = place / files / name
             target.parent.mkdir(parents=True, exist_ok=True)
-            if not self._download(row["sha256"], target):
+            if not self._download(row["sha256"], target, self._object(row["sha256"])):
                 log.warning("%s: %s of %s is damaged; it will be made again", self.url, name, key)
                 with self._errors():
                     self._remove(self._place(key))
@@ -98,7 +103,7 @@ class RemoteStore:
         text = (place / MANIFEST).read_bytes()
         rows = {row["sha256"]: (row, name) for name, row in json.loads(text)["files"].items()}
         for row, name in rows.values():  # equal files once
-            self._upload(row, place / files / name)
+            self._upload(row["bytes"], place / files / name, self._object(row["sha256"]))
         if self.manifest(key) is not None:
             return False
         with self._errors():
@@ -106,14 +111,52 @@ class RemoteStore:
             self._files.pipe_file(self._place(key), text)
         return True
 
+    def keep_draft(self, key: str, folder: Path) -> None:
+        """Keep copies of an unfinished stage's files, in place of those kept before."""
+        place = self._draft(key)
+        rows: dict[str, dict[str, Any]] = {
+            name: {"bytes": path.stat().st_size, "sha256": file_digest(path)}
+            for name, path in list_files(folder).items()
+        }
+        before = self._read(f"{place}/{MANIFEST}") or {"files": {}}
+        for name, row in rows.items():
+            self._upload(row["bytes"], folder / name, f"{place}/{row['sha256']}")
+        with self._errors():
+            self._files.pipe_file(f"{place}/{MANIFEST}", json.dumps({"files": rows}).encode())
+            now = {row["sha256"] for row in rows.values()}
+            for digest in {row["sha256"] for row in before["files"].values()} - now:
+                self._remove(f"{place}/{digest}")
+
+    def fetch_draft(self, key: str, folder: Path) -> bool:
+        """Download the files of an unfinished stage; return whether all were there, intact."""
+        place = self._draft(key)
+        manifest = self._read(f"{place}/{MANIFEST}")
+        if manifest is None:
+            return False
+        for name, row in manifest["files"].items():
+            target = folder / name
+            target.parent.mkdir(parents=True, exist_ok=True)
+            if not self._download(row["sha256"], target, f"{place}/{row['sha256']}"):
+                log.warning("%s: the draft of %s is damaged; it is not used", self.url, key)
+                return False
+        return True
+
+    def drop_draft(self, key: str) -> None:
+        """Remove what was kept of an unfinished stage, if anything."""
+        with self._errors():
+            if self._files.exists(f"{self._draft(key)}/{MANIFEST}"):
+                self._files.rm(self._draft(key), recursive=True)
+
+    def _draft(self, key: str) -> str:
+        return f"{self._root}/{DRAFTS}/{key}"
+
     def _place(self, key: str) -> str:
         return f"{self._root}/{key}/{MANIFEST}"
 
     def _object(self, digest: str) -> str:
         return f"{self._root}/objects/{digest}"
 
-    def _download(self, digest: str, target: Path) -> bool:
-        source = self._object(digest)
+    def _download(self, digest: str, target: Path, source: str) -> bool:
         with self._errors():
             try:
                 self._files.get_file(source, str(target))
@@ -124,11 +167,10 @@ class RemoteStore:
             self._remove(source)
         return False
 
-    def _upload(self, row: Mapping[str, Any], path: Path) -> None:
-        target = self._object(row["sha256"])
+    def _upload(self, size: int, path: Path, target: str) -> None:
         with self._errors():
             try:
-                if self._files.info(target)["size"] == row["bytes"]:
+                if self._files.info(target)["size"] == size:
                     return
             except FileNotFoundError:
                 self._make_parent(target)

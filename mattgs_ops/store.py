@@ -18,7 +18,6 @@ killed owner frees it. An artifact whose files are not as its manifest says is l
 made again.
 """
 
-import fcntl
 import json
 import logging
 import os
@@ -28,10 +27,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from pydantic import BaseModel
 
+from mattgs_ops import store_lock
 from mattgs_ops.digests import file_digest, json_digest, list_files, tree_digest
 from mattgs_ops.errors import InputError, StageError
 from mattgs_ops.remote_store import RemoteStore
@@ -119,7 +119,13 @@ class Slot:
         if not self._store._share(self.key):
             # another machine was faster: what it found is the one result that everybody uses
             self.finished = self._store._bring(self.key) or self.finished
+        self._store._drop_draft(self.key)
         return self.finished
+
+    def keep_draft(self, folder: Path) -> None:
+        """Have another machine go on from the files in ``folder``, should this one be lost."""
+        if self._store._remote is not None:
+            self._store._remote.keep_draft(str(self.key), folder)
 
 
 class Store:
@@ -184,7 +190,9 @@ class Store:
         """Hold the key's lock, waiting for it; yields what is there, or a folder to fill.
 
         A work folder left by a kill or an error is handed on with ``resume`` and emptied without.
-        When the block ends without :meth:`Slot.finish`, the work stays and nothing is stored.
+        Where there is none, ``resume`` takes the draft that a lost machine left in the remote
+        store. When the block ends without :meth:`Slot.finish`, the work stays and nothing is
+        stored.
         """
         with self.lock(key):
             finished = self.find(key)
@@ -198,6 +206,8 @@ class Store:
                 if not resume:
                     remove(place)
                 (place / FILES).mkdir(parents=True, exist_ok=True)
+                if resume:
+                    self._take_draft(key, place)
             yield Slot(self, key, finished, place / FILES)
 
     def _bring(self, key: StageKey | str) -> Finished | None:
@@ -216,6 +226,25 @@ class Store:
         remove(work)
         return self.find(key)
 
+    def _take_draft(self, key: StageKey, place: Path) -> None:
+        """Fill an empty work folder with what another machine had last, whole or not at all."""
+        if self._remote is None or any((place / FILES).iterdir()):
+            return
+        coming = place / "coming"
+        remove(coming)
+        coming.mkdir()
+        if self._remote.fetch_draft(str(key), coming):
+            (place / FILES).rmdir()
+            coming.rename(place / FILES)
+        remove(coming)
+
+    def _drop_draft(self, key: StageKey) -> None:
+        try:
+            if self._remote is not None:
+                self._remote.drop_draft(str(key))
+        except StageError as error:  # the result is safe, and nobody reads its draft any more
+            log.warning("%s: its draft stays: %s", key, error)
+
     def _share(self, key: StageKey | str) -> bool:
         """Have an artifact in the remote store too; False when another one is there already."""
         if self._remote is None or self._remote.manifest(str(key)) is not None:
@@ -229,21 +258,13 @@ class Store:
         With ``wait`` unset, for those who only tidy up: yields False at once when another has it,
         and leaves the date alone.
         """
-        path = self.root / "locks" / str(key).replace("/", "-")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        while True:
-            with path.open("ab") as file:
-                if not _acquire(file, wait, str(key)):
-                    yield False
-                    return
-                # whoever cleans removes lock files while holding them: take the one now there
-                if is_at(file, path):
-                    if wait:
-                        _date(file)
-                    yield True
-                    return
+        with store_lock.held(self.root / "locks" / str(key).replace("/", "-"), wait) as mine:
+            yield mine
 
     def _publish(self, key: StageKey, place: Path, extra: dict[str, Any]) -> Finished:
+        for left in place.iterdir():  # by a kill: half of what came or went, half a manifest
+            if left.name != FILES:
+                left.unlink() if left.is_file() else shutil.rmtree(left)
         rows: dict[str, dict[str, Any]] = {
             name: {"bytes": path.stat().st_size, "sha256": file_digest(path)}
             for name, path in list_files(place / FILES).items()
@@ -270,33 +291,6 @@ class Store:
         place.rename(final)
         size = sum(row["bytes"] for row in rows.values())
         return Finished(str(key), final / FILES, digest, size, extra)
-
-
-def _acquire(file: IO[bytes], wait: bool, key: str) -> bool:
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        if not wait:
-            return False
-        log.info("%s: another process is at it; waiting for its result", key)
-        fcntl.flock(file, fcntl.LOCK_EX)
-    return True
-
-
-def _date(file: IO[bytes]) -> None:
-    """Say that a lock is in use now; one byte tells it from a lock that was only tidied up."""
-    if os.fstat(file.fileno()).st_size == 0:
-        file.write(b".")
-        file.flush()
-    os.utime(file.fileno())
-
-
-def is_at(file: IO[bytes], path: Path) -> bool:
-    """Whether an open file is the one that lies at ``path`` now."""
-    try:
-        return os.path.samestat(os.fstat(file.fileno()), path.stat())
-    except FileNotFoundError:
-        return False
 
 
 def _damage(folder: Path, rows: Mapping[str, Any], *, contents: bool) -> str | None:

@@ -17,7 +17,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from mattgs_ops.store import MANIFEST, Store, is_at, remove
+from mattgs_ops.store import MANIFEST, Store, remove
+from mattgs_ops.store_lock import is_at
 
 USERS, WORK, LOCKS = "users", "work", "locks"
 Kind = Literal["artifact", "work folder", "lock"]

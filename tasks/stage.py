@@ -8,6 +8,7 @@ do it at once; an interrupted one goes on in its work folder. What passes betwee
 import os
 import time
 from collections.abc import Mapping
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -18,7 +19,7 @@ from mattgs_ops import provenance
 from mattgs_ops.code_version import STAGES, code_version
 from mattgs_ops.config import RunConfig
 from mattgs_ops.store import Finished, Slot, Store, stage_key
-from tasks import quiet, stage_process
+from tasks import quiet, stage_process, travelling
 from tasks.status import StatusFile, read
 
 KEY_LETTERS = 8  # of a key, in names of log files
@@ -111,8 +112,9 @@ class Stage:
 
     ``parameters`` and ``inputs`` (name → digest) make the key, with the code's version;
     ``arguments`` are what ``operation`` (``MODULE:FUNCTION``) is called with, and may hold paths.
-    ``resumes``: the operation goes on from what an interrupted attempt left in its work folder;
-    ``alone``: it waits until nothing else runs on this machine.
+    ``resumes``: the operation goes on from what an interrupted attempt left in its work folder,
+    once the file of this name is there; ``alone``: it waits until nothing else runs on this
+    machine.
     """
 
     name: str
@@ -121,7 +123,7 @@ class Stage:
     parameters: Mapping[str, Any]
     inputs: Mapping[str, str]
     arguments: Mapping[str, Any]
-    resumes: bool = False
+    resumes: str | None = None
     alone: bool = False
 
 
@@ -137,7 +139,7 @@ def perform(place: Place, stage: Stage) -> Artifact:
     version = _code_version(stage.name, _source_times())
     key = stage_key(stage.name, version, stage.parameters, stage.inputs)
     try:
-        with place.open_store().stage(key, resume=stage.resumes) as slot:
+        with place.open_store().stage(key, resume=stage.resumes is not None) as slot:
             cached = slot.finished is not None
             finished = slot.finished or _make(place, stage, slot, status)
     except Exception as error:
@@ -168,10 +170,17 @@ def _make(place: Place, stage: Stage, slot: Slot, status: StatusFile) -> Finishe
     with quiet.alone() if stage.alone else quiet.busy():
         status.progress(0, 0, "")
         began = time.monotonic()
-        stage_process.run(job)
+        with _copied(place, stage, slot):
+            stage_process.run(job)
         seconds = round(time.monotonic() - began, 3)
     machine = provenance.describe(place.run.threads)
     return slot.finish({"seconds": seconds, "machine": machine, "inputs": dict(stage.inputs)})
+
+
+def _copied(place: Place, stage: Stage, slot: Slot) -> AbstractContextManager[None]:
+    if place.run.store is None or stage.resumes is None:
+        return nullcontext()
+    return travelling.copied(slot, stage.resumes, place.run.checkpoint_copy_every)
 
 
 def code_versions() -> dict[str, str]:

@@ -7,11 +7,14 @@ from mattgs_ops.config import BenchmarkConfig, Condition, MethodConfig, TrainCon
 from mattgs_ops.progress import Progress
 from tasks.stage import Artifact, Cell, Place, Stage, perform
 
+CHECKPOINT = "checkpoint.npz"  # mattgs_ops/splat/checkpoint.py, which takes seconds to import
+
 
 def train(place: Place, cell: Cell, scene: Artifact, config: BenchmarkConfig) -> Artifact:
     """Return the folder with ``splats.ply``, ``training.json`` and ``curve.csv``.
 
-    A killed training goes on from its last checkpoint, which lies in the work folder.
+    A killed training goes on from its last checkpoint: the one in the work folder, else the copy on
+    the shared store.
     """
     condition = Condition.parse(cell.condition)
     settings = {
@@ -31,7 +34,7 @@ def train(place: Place, cell: Cell, scene: Artifact, config: BenchmarkConfig) ->
         parameters=settings | {"train": kept},
         inputs={"scene": scene.digest},
         arguments=settings | {"scene": str(place.folder(scene)), "name": condition.method},
-        resumes=True,
+        resumes=CHECKPOINT,
     )
     return perform(place, stage)
 

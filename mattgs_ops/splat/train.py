@@ -2,8 +2,9 @@
 
 The folder holds ``splats.ply``, ``training.json`` (:mod:`report`), ``curve.csv`` (:mod:`curve`),
 ``start.npz`` where the method chose among the starting points and, while it runs,
-``checkpoint.npz``; a killed run goes on from there by itself. Training reads the registered
-training views and the sparse points, nothing of the test views.
+``checkpoint.npz``; a killed run goes on from there by itself, and one that was killed after its end
+is found finished. Training reads the registered training views and the sparse points, nothing of
+the test views.
 """
 
 import time
@@ -18,7 +19,7 @@ import torch
 from mattgs_ops import stopwatch
 from mattgs_ops.calibration import calibrate
 from mattgs_ops.config import Condition, MethodConfig, TrainConfig
-from mattgs_ops.errors import StageError
+from mattgs_ops.errors import InputError, StageError
 from mattgs_ops.progress import Progress, no_progress
 from mattgs_ops.scene import Scene, View
 from mattgs_ops.splat import checkpoint
@@ -33,7 +34,7 @@ from mattgs_ops.splat.initialise import (
 )
 from mattgs_ops.splat.laps import Laps
 from mattgs_ops.splat.photos import store_views
-from mattgs_ops.splat.ply import write_ply
+from mattgs_ops.splat.ply import read_ply, write_ply
 from mattgs_ops.splat.report import (
     SCHEMA,
     TrainingReport,
@@ -65,9 +66,9 @@ def train(
 ) -> TrainingReport:
     """Train one experiment into the folder ``out``; ``resolution`` is the longest side in pixels.
 
-    Picks up a checkpoint of the same training in ``out``. The number of threads never changes the
-    result. Raises :class:`InputError` for photos that cannot be read and :class:`StageError` when
-    training cannot start or breaks down, naming the step.
+    Picks up a checkpoint of the same training in ``out``, or its result. The number of threads
+    never changes the result. Raises :class:`InputError` for photos that cannot be read and
+    :class:`StageError` when training cannot start or breaks down, naming the step.
     """
     views = scene.registered("train")
     if len(views) < FEWEST_VIEWS:
@@ -77,6 +78,11 @@ def train(
         )
     out.mkdir(parents=True, exist_ok=True)
     key = _digest(scene, views, condition, method, config, iterations, resolution, seed)
+    known = _finished(out, key)
+    if known is not None:
+        (out / checkpoint.FILE).unlink(missing_ok=True)
+        progress(iterations, iterations, "had ended")
+        return known
     with torch.no_grad(), _threads(threads):
         stored = store_views(views, condition.background, resolution)
         extent = scene_extent([view.camera for view in stored])
@@ -121,6 +127,16 @@ def train(
     report.save(out)
     (out / checkpoint.FILE).unlink(missing_ok=True)
     return report
+
+
+def _finished(out: Path, key: str) -> TrainingReport | None:
+    """Return the report of this very training when it ended in ``out``, with all its splats."""
+    try:
+        report = TrainingReport.load(out)
+        whole = report.digest == key and len(read_ply(out / PLY)) == report.splats
+    except (OSError, InputError, ValueError, KeyError, TypeError):
+        return None
+    return report if whole else None
 
 
 def _start(trainer: Trainer, points: StartingPoints, seed: int, out: Path) -> TrainingState:

@@ -144,6 +144,46 @@ def test_a_download_leaves_an_interrupted_stage_nothing(tmp_path: Path, url: str
     assert not list((tmp_path / "one" / "work").iterdir())
 
 
+def test_another_machine_goes_on_from_the_newest_draft(tmp_path: Path, url: str) -> None:
+    one, two = Store(tmp_path / "one", url), Store(tmp_path / "two", url)
+    with one.stage(KEY, resume=True) as slot:
+        for step in ("step 1", "step 2"):
+            (slot.work / "checkpoint").write_text(step)
+            slot.keep_draft(slot.work)
+        files, root = fsspec.url_to_fs(url)
+        assert not files.exists(f"{root}/objects"), "drafts lie apart from what artifacts share"
+    with two.stage(KEY) as slot:
+        assert not list(slot.work.iterdir()), "only stages that resume ask for it"
+    with two.stage(KEY, resume=True) as slot:
+        assert (slot.work / "checkpoint").read_text() == "step 2"
+        (slot.work / "a.txt").write_text("result")
+        slot.finish()
+    assert not files.find(f"{root}/drafts")
+    assert (one.fetch(str(KEY)).folder / "a.txt").read_text() == "result"
+
+
+def test_a_machine_that_has_work_of_its_own_goes_on_with_that(tmp_path: Path, url: str) -> None:
+    one, two = Store(tmp_path / "one", url), Store(tmp_path / "two", url)
+    for store, step in ((two, "step 1"), (one, "step 2")):
+        with store.stage(KEY, resume=True) as slot:
+            (slot.work / "checkpoint").write_text(step)
+            slot.keep_draft(slot.work)
+    with two.stage(KEY, resume=True) as slot:
+        assert (slot.work / "checkpoint").read_text() == "step 1"
+
+
+def test_half_a_draft_is_none(tmp_path: Path, url: str) -> None:
+    files, root = fsspec.url_to_fs(url)
+    with Store(tmp_path / "one", url).stage(KEY, resume=True) as slot:
+        for name in ("checkpoint", "curve"):
+            (slot.work / name).write_text(name)
+        slot.keep_draft(slot.work)
+    (damaged,) = (path for path in files.find(f"{root}/drafts") if files.cat_file(path) == b"curve")
+    files.pipe_file(damaged, b"curv")
+    with Store(tmp_path / "two", url).stage(KEY, resume=True) as slot:
+        assert not list(slot.work.iterdir())
+
+
 def test_a_place_that_cannot_be_used_is_refused_before_any_work(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="--store nothing://x"):
         RemoteStore("nothing://x")

@@ -16,6 +16,7 @@ from mattgs_ops.config import BenchmarkConfig, RunConfig
 from mattgs_ops.errors import StageError
 from tasks.evaluate import evaluate
 from tasks.measure import measure
+from tasks.registry_live import read_curve
 from tasks.row import Outcome
 from tasks.stage import Artifact, Cell, Place
 from tasks.status import read_all
@@ -30,10 +31,10 @@ from pathlib import Path
 from mattgs_ops.config import BenchmarkConfig, RunConfig
 from tasks.stage import Artifact, Cell, Place
 from tasks.train import train
-out, key, digest, config = sys.argv[1:]
+out, key, digest, config, run = sys.argv[1:]
 scene = Artifact("sfm", key, digest, 1.0, True)
 made = train(
-    Place(Path(out), "small", RunConfig()),
+    Place(Path(out), "small", RunConfig.model_validate_json(run)),
     Cell("ball", "nobg-ours", 0),
     scene,
     BenchmarkConfig.model_validate_json(config),
@@ -45,6 +46,7 @@ print(made.cached)
 def start_training(place: Place, scene: Artifact, config: BenchmarkConfig) -> subprocess.Popen[str]:
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
     arguments = [str(place.out), scene.key, scene.digest, config.model_dump_json()]
+    arguments.append(place.run.model_dump_json())
     command = [sys.executable, "-c", TRAIN, *arguments]
     return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True)
 
@@ -102,23 +104,37 @@ def test_a_failed_stage_says_why_and_leaves_nothing_in_the_store(
 
 
 @pytest.mark.slow
-def test_a_killed_training_goes_on_from_its_checkpoint_and_ends_in_the_same_bits(
-    place: Place, config: BenchmarkConfig, put_scene: PutScene, tmp_path: Path
+def test_a_killed_training_goes_on_here_or_elsewhere_and_ends_in_the_same_bits(
+    config: BenchmarkConfig, put_scene: PutScene, tmp_path: Path
 ) -> None:
     settings = config.train.model_copy(update={"checkpoint_every": 50})
     long = config.model_copy(update={"iterations": 1500, "train": settings})
-    scene = put_scene(place)
-    flow = start_training(place, scene, long)
-    wait_for(lambda: bool(list(place.store.glob("work/train-*/files/checkpoint.npz"))))
+    shared = RunConfig(store=f"file://{tmp_path}/shared", checkpoint_copy_every=0.05)
+    here, elsewhere = (Place(tmp_path / name, "small", shared) for name in ("here", "elsewhere"))
+    scene = put_scene(here)
+    flow = start_training(here, scene, long)
+    wait_for(lambda: bool(list((tmp_path / "shared").glob("drafts/train/*/manifest.json"))))
     flow.send_signal(signal.SIGKILL)
     flow.communicate()
-    assert states(place) == {"train ball nobg-ours seed 0": "running"}
-    resumed = place.folder(train(place, CELL, scene, long))
-    assert json.loads((resumed / "training.json").read_text())["resumed_from"] >= 50
-    elsewhere = Place(tmp_path / "elsewhere", "small")
-    straight = elsewhere.folder(train(elsewhere, CELL, put_scene(elsewhere), long))
-    assert json.loads((straight / "training.json").read_text())["resumed_from"] == 0
-    assert (resumed / "splats.ply").read_bytes() == (straight / "splats.ply").read_bytes()
+    assert states(here) == {"train ball nobg-ours seed 0": "running"}
+
+    alone = RunConfig()  # nothing shared: what lies in the folders is all there is
+    straight = Place(tmp_path / "straight", "small", alone)
+    put_scene(elsewhere), put_scene(straight)
+    copied = elsewhere.folder(train(elsewhere, CELL, scene, long))
+    resumed = here.folder(train(replace(here, run=alone), CELL, scene, long))
+    whole = straight.folder(train(straight, CELL, scene, long))
+    assert [resumed_from(folder) >= 50 for folder in (copied, resumed, whole)] == [1, 1, 0]
+    for name in ("splats.ply", "start.npz"):
+        kept = (whole / name).read_bytes()
+        assert (copied / name).read_bytes() == (resumed / name).read_bytes() == kept
+    steps = [[p["step"] for p in read_curve(f / "curve.csv")] for f in (copied, resumed, whole)]
+    assert steps[0] == steps[1] == steps[2]
+    assert not list((tmp_path / "shared").glob("drafts/train/*")), "drafts go when all is done"
+
+
+def resumed_from(folder: Path) -> int:
+    return int(json.loads((folder / "training.json").read_text())["resumed_from"])
 
 
 @pytest.mark.slow

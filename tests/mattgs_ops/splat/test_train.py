@@ -139,6 +139,23 @@ def test_a_killed_run_resumes_to_the_same_bits(run: Train, tmp_path: Path, condi
     assert len(set(fixed)) == STEPS, "the view is rendered anew at each row"
 
 
+def test_a_run_killed_after_its_end_is_found_finished(run: Train, tmp_path: Path) -> None:
+    first = run("out", "nobg-ours")
+    (tmp_path / "out" / "checkpoint.npz").write_bytes(b"the kill came before its removal")
+    assert run("out", "nobg-ours") == first, "its seconds too: nothing was trained"
+    assert not (tmp_path / "out" / "checkpoint.npz").exists()
+    assert run("out", "nobg-3dgs").digest != first.digest
+
+
+@pytest.mark.parametrize("name", ["splats.ply", "training.json"])
+def test_half_a_result_is_made_again(run: Train, tmp_path: Path, name: str) -> None:
+    first, before = run("out"), splats_of(tmp_path / "out")
+    path = tmp_path / "out" / name
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    assert run("out") != first
+    assert splats_of(tmp_path / "out") == before
+
+
 def test_a_checkpoint_of_another_training_is_left_alone(run: Train, tmp_path: Path) -> None:
     def kill(step: int, total: int, note: str) -> None:
         del total, note

@@ -1,12 +1,15 @@
 """Schedules shown working: from an empty Prefect server to a finished scheduled run, twice.
 
 First as on a cluster: a work pool, the deployments of `prefect.yaml`, a process worker. Then as on
-one machine: `mattgs serve`. The nightly grid is made tiny and due at once, nothing else is changed.
+one machine: `mattgs serve`. The nightly grid is made tiny and due at once. The other deployments
+are asked for, made tiny too: the weekly grid, the segmenter's training, and the gate, once against
+last night's numbers and once against numbers that nobody reaches, which must fail.
 
     python benchmarks/schedules.py [--folder DIR] [--only pool|serve]
 """
 
 import argparse
+import json
 import os
 import signal
 import subprocess
@@ -24,6 +27,14 @@ from flows.prefect_server import healthy
 from flows.serve import server
 
 ROOT = Path(__file__).resolve().parents[1]
+NETWORK = """
+validate_every = 1
+validation_images = 1
+[[stages]]
+size = 32
+batch = 2
+steps = 2
+"""
 DEPLOYMENT = "grid/nightly"
 TIMEOUT_SECONDS = 400.0
 SOON = timedelta(seconds=10)
@@ -54,8 +65,63 @@ def with_a_pool(folder: Path) -> str:
         prefect("--no-prompt", "deploy", "--all")
         with _started("-m", "prefect", "worker", "start", "--pool", "mattgs", log=folder):
             state = _wait_for_scheduled(folder)
+            if state == "COMPLETED" and not others(folder):
+                state = "the other deployments did not end as they should"
         del os.environ["PREFECT_API_URL"]
     return state
+
+
+def others(folder: Path) -> bool:
+    """Run the other deployments once; return whether each ended as it should."""
+    tiny_config, network = folder.parent / "tiny.toml", folder.parent / "network.toml"
+    network.write_text(NETWORK, encoding="utf-8")
+    baseline, better = folder / "baseline.json", folder / "better.json"
+    mattgs("baseline", str(baseline), "--benchmark", "nightly", "--out", str(folder))
+    better.write_text(_better(baseline.read_text(encoding="utf-8")), encoding="utf-8")
+    place = {"out": str(folder)}
+    judged = {"benchmark": "nightly", **place}
+    weekly = {"name": "weekly", "config": str(tiny_config), "iterations": 40, **place}
+    training = {"folder": str(folder / "network"), "config": str(network), **place}
+    asked = [
+        ("gate/nightly", {**judged, "baseline": str(baseline)}, 0),
+        ("gate/nightly", {**judged, "baseline": str(better)}, 1),
+        ("grid/weekly", weekly, 0),
+        ("segmenter/training", training, 0),
+    ]
+    ended = [_asked(name, parameters, code) for name, parameters, code in asked]
+    report = folder / "benchmarks" / "weekly" / "report.html"
+    onnx = folder / "network" / "u2netp.onnx"
+    say(f"weekly's report: {report.is_file()}; {onnx.name}: {onnx.is_file()}\n")
+    return all(ended) and report.is_file() and onnx.is_file()
+
+
+def _asked(name: str, parameters: dict[str, object], expected: int) -> bool:
+    """Run a deployment to its end; return whether its exit code is the expected one."""
+    command = [sys.executable, "-m", "prefect", "--no-prompt", "deployment", "run", name]
+    command += ["--params", json.dumps(parameters), "--watch"]
+    began = time.monotonic()
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    took = time.monotonic() - began
+    shown = " ".join(f"{key}={Path(str(value)).name}" for key, value in parameters.items())
+    say(f"$ prefect deployment run {name} ({shown}): exit {done.returncode}, {took:.0f} s")
+    if done.returncode != expected:
+        print(done.stdout + done.stderr)
+    return done.returncode == expected
+
+
+def _better(baseline: str) -> str:
+    """Return a baseline whose PSNR is 3 dB higher: what the gate must notice."""
+    document = json.loads(baseline)
+    for row in document["rows"]:
+        for name in ("psnr", "mask_psnr"):
+            row["metrics"][name] += 3.0
+    return json.dumps(document)
+
+
+def mattgs(*arguments: str) -> None:
+    """Run a command of ours."""
+    say(f"$ mattgs {arguments[0]} {Path(arguments[1]).name}")
+    subprocess.run([sys.executable, "-m", "flows.cli", *arguments], check=True, capture_output=True)
 
 
 def with_serve(folder: Path) -> str:

@@ -17,7 +17,7 @@ from mattgs_ops.config import BenchmarkConfig, CaptureConfig
 from mattgs_ops.errors import MattgsError
 from reports.build import build
 from tasks import prefect_tasks as run
-from tasks.record import promoted, record_summary
+from tasks.record import close, promoted, record, record_summary
 from tasks.registry_live import Expected, following
 from tasks.row import Outcome, Row, make_row, running_row, settings
 from tasks.stage import Artifact, Cell, Place, slug
@@ -59,14 +59,20 @@ def benchmark(config: BenchmarkConfig, out: Path, tracking_uri: str) -> Path:
     place = Place(out, config.name, config.run)
     chains = [chain for capture in config.captures for chain in _submit(place, capture, config)]
     outcomes: list[Outcome] = []
+    recorded: list[Row] = []
     shown = ShownProgress(config.name, len(chains))
     with following(place, tracking_uri, _expected(place, config, chains)):
         for chain in chains:
             outcomes.append(_wait(place, chain))
-            _record(place, config, tracking_uri, outcomes[-1], {}, final=False)
+            row = make_row(place, config, outcomes[-1], {})
+            known = settings(config, chain.cell), outcomes[-1].artifacts
+            recorded.append(record(place, tracking_uri, row, *known))
             shown.show(len(outcomes), sum(outcome.reason is not None for outcome in outcomes))
     outcomes, speeds = _measure(place, outcomes, config)
-    rows = [_record(place, config, tracking_uri, o, speeds, final=True) for o in outcomes]
+    rows = []
+    for outcome, before in zip(outcomes, recorded, strict=True):
+        row = make_row(place, config, outcome, speeds.get(outcome.cell, {}))
+        rows.append(close(tracking_uri, row, before))
     path = build(
         rows,
         out / "benchmarks" / config.name,
@@ -160,17 +166,3 @@ def _measure(
             for i in mine:
                 after[i] = replace(outcomes[i], reason=f"speed was not measured: {error}")
     return after, speeds
-
-
-def _record(
-    place: Place,
-    config: BenchmarkConfig,
-    tracking_uri: str,
-    outcome: Outcome,
-    speeds: dict[Cell, dict[str, float]],
-    *,
-    final: bool,
-) -> Row:
-    row = make_row(place, config, outcome, speeds.get(outcome.cell, {}))
-    known = settings(config, outcome.cell)
-    return run.record(place, tracking_uri, row, known, outcome.artifacts, final=final)

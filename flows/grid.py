@@ -1,13 +1,9 @@
-"""Which experiments a benchmark has; light, for those who only count them."""
+"""Which experiments and stages a benchmark has; light, for those who only count or name them."""
 
 from collections.abc import Iterator
 
 from mattgs_ops.config import BenchmarkConfig
 from tasks.stage import Cell
-
-STAGES_OF_A_CAPTURE = 4  # prepare, segment, sfm; measure
-STAGES_OF_VOTES = 1  # agree
-STAGES_OF_AN_EXPERIMENT = 2  # train, evaluate
 
 
 def cells(config: BenchmarkConfig, capture: str) -> Iterator[Cell]:
@@ -17,9 +13,13 @@ def cells(config: BenchmarkConfig, capture: str) -> Iterator[Cell]:
             yield Cell(capture, condition, seed)
 
 
-def count_stages(config: BenchmarkConfig) -> int:
-    """Return how many stages the benchmark has when nothing fails."""
-    captures = len(config.captures)
-    experiments = captures * len(config.seeds) * len(config.conditions)
-    shared = STAGES_OF_A_CAPTURE + STAGES_OF_VOTES * (config.segment.refine == "votes")
-    return shared * captures + STAGES_OF_AN_EXPERIMENT * experiments
+def stages(config: BenchmarkConfig) -> Iterator[tuple[str, str]]:
+    """Yield the kind and the title of every stage that the benchmark has when nothing fails."""
+    votes = ("agree",) if config.segment.refine == "votes" else ()
+    for capture in config.captures:
+        for kind in ("prepare", "segment", "sfm", *votes):
+            yield kind, f"{kind} {capture.name}"
+        for cell in cells(config, capture.name):
+            yield "train", f"train {cell}"
+            yield "evaluate", f"evaluate {cell}"
+        yield "measure", f"measure {capture.name}"

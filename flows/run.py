@@ -7,7 +7,7 @@ from rich.console import Console
 
 from flows import embedded, terminal
 from flows.embedded import Services
-from flows.grid import count_stages
+from flows.grid import stages
 from mattgs_ops.config import BenchmarkConfig
 from mattgs_ops.errors import InputError
 from mattgs_ops.remote_store import RemoteStore
@@ -15,7 +15,7 @@ from mattgs_ops.store import Store
 from mattgs_ops.store_cleaning import in_use
 from tasks import status
 from tasks.prepare import prepare
-from tasks.stage import Place
+from tasks.stage import Place, slug
 
 
 def run_benchmark(config: BenchmarkConfig, out: Path) -> bool:
@@ -31,14 +31,23 @@ def run_benchmark(config: BenchmarkConfig, out: Path) -> bool:
     place = Place(out, config.name, config.run)
     if config.run.store is not None:
         RemoteStore(config.run.store).check()
-    for old in place.status.glob("*.json"):
-        old.unlink()
+    count = _plan(place, config)
     with in_use(Store(place.store)), embedded.Starting(out, config.run) as starting:
-        with terminal.watch(place.status, count_stages(config), console):
+        with terminal.watch(place.status, count, console):
             _prepare_all(place, config)
             report, complete = _run_flow(config, out, starting.ready())
         _print_end(place, report, console, time.monotonic() - began)
     return complete
+
+
+def _plan(place: Place, config: BenchmarkConfig) -> int:
+    """Write the status of every stage of the grid, none begun; return their number."""
+    for old in place.status.glob("*.json"):
+        old.unlink()
+    planned = list(stages(config))
+    for kind, title in planned:
+        status.StatusFile(place.status / f"{slug(title)}.json").plan(title, kind)
+    return len(planned)
 
 
 def _prepare_all(place: Place, config: BenchmarkConfig) -> None:

@@ -4,17 +4,26 @@
 process. Relative paths are taken from the folder that the worker or server was started in.
 """
 
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
+from uuid import UUID
 
 from prefect import Flow, flow
-from prefect.artifacts import create_markdown_artifact
+from prefect.artifacts import (
+    create_link_artifact,
+    create_markdown_artifact,
+    create_progress_artifact,
+    update_progress_artifact,
+)
 
 from mattgs_ops.errors import MattgsError
+from mattgs_ops.progress import Progress
 
 DEFAULT_OUT = Path("mattgs-out")
+PROGRESS_SECONDS = 5.0  # an update is an API call
 
 
 class GateError(MattgsError):
@@ -47,13 +56,19 @@ def grid(
 
 
 @flow(name="segmenter", flow_run_name="train segmenter", persist_result=False)
-def segmenter(folder: Path, config: Path | None = None) -> None:
+def segmenter(folder: Path, config: Path | None = None, out: Path = DEFAULT_OUT) -> None:
     """Train U²-Net as ``mattgs segment train`` does; an interrupted training goes on."""
-    from mattgs_ops.segment.train import train
+    from flows import embedded
     from mattgs_ops.segment.train_config import SegmentTrainConfig, load_train_config
+    from tasks.train_segmenter import train_segmenter
 
     settings = SegmentTrainConfig() if config is None else load_train_config(config)
-    train(settings, folder.resolve())
+    folder, out = folder.resolve(), out.resolve()
+    tracking = embedded.tracking_uri(out)
+    onnx = train_segmenter(settings, folder, tracking, out, progress=_shown("segmenter"))
+    create_link_artifact(
+        onnx.as_uri(), key="segmenter", link_text=onnx.name, description="For `segment.model`"
+    )
 
 
 @flow(name="gate", flow_run_name="gate {benchmark}", persist_result=False)
@@ -65,6 +80,21 @@ def gate(benchmark: str, baseline: str, out: Path = DEFAULT_OUT) -> None:
     create_markdown_artifact(f"```\n{text}\n```", key="gate", description=f"Gate of {benchmark}")
     if code != 0:
         raise GateError(f"the gate of {benchmark} did not pass (exit code {code}):\n{text}")
+
+
+def _shown(key: str) -> Progress:
+    """Show a long operation's progress in Prefect's interface."""
+    made = cast(UUID, create_progress_artifact(0.0, key=f"progress-{key}"))
+    last = time.monotonic()
+
+    def show(done: int, total: int, note: str) -> None:
+        nonlocal last
+        if done == total or time.monotonic() - last >= PROGRESS_SECONDS:
+            last = time.monotonic()
+            text = f"step {done} of {total}: {note}"
+            update_progress_artifact(made, 100.0 * done / total, description=text)
+
+    return show
 
 
 @dataclass(frozen=True)
@@ -120,7 +150,7 @@ def serve_all(names: frozenset[str], out: Path) -> None:
             s.flow,
             s.name,
             cron=s.cron,
-            parameters={**s.parameters, **({} if s.flow is segmenter else {"out": str(out)})},
+            parameters={**s.parameters, "out": str(out)},
             description=s.description,
         )
         for s in SCHEDULES

@@ -72,6 +72,7 @@ def duration(seconds: float) -> str:
 
 def stage_times(stages: list[Status], seconds: float) -> str:
     """Say what each kind of stage took, one line each, and the wall time of it all."""
+    stages = [stage for stage in stages if stage.state != "waiting"]
     lines = [f"{'stage':<10}{'runs':>6}{'cached':>8}{'failed':>8}{'time':>10}"]
     for name in dict.fromkeys(s.stage for s in stages):
         mine = [s for s in stages if s.stage == name]

@@ -16,7 +16,6 @@ from tasks.agree import agree as agree_stage
 from tasks.evaluate import evaluate as evaluate_stage
 from tasks.measure import measure as measure_stage
 from tasks.prepare import prepare as prepare_stage
-from tasks.record import record as record_row
 from tasks.segment import segment as segment_stage
 from tasks.sfm import sfm as sfm_stage
 from tasks.stage_process import CrashError
@@ -58,4 +57,3 @@ agree = _stage(agree_stage, "agree {name}")
 train = _stage(train_stage, "train {cell}")
 evaluate = _stage(evaluate_stage, "evaluate {cell}")
 measure = _stage(measure_stage, "measure {name}")
-record = _stage(record_row, "record {row[capture]} {row[condition]} seed {row[seed]}")

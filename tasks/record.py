@@ -36,13 +36,10 @@ def record(
     row: Row,
     settings: dict[str, Any],
     artifacts: dict[str, Artifact],
-    *,
-    final: bool,
 ) -> Row:
-    """Log a row and return it with its run's id, None where the registry failed.
+    """Log an experiment's row and files, splats and renders among them; its run stays open.
 
-    A row that is not ``final`` brings the files, splats and renders among them, and leaves the run
-    open; the final one brings what was measured last.
+    Returns the row with its run's id, None where the registry failed.
     """
     try:
         experiment = registry.open_benchmark(
@@ -56,16 +53,34 @@ def record(
             experiment,
             row,
             parameters=settings,
-            curve=() if final else _curve(place, artifacts),
-            files=() if final else _files(place, row, artifacts),
-            final=final,
+            curve=_curve(place, artifacts),
+            files=_files(place, row, artifacts),
+            final=False,
         )
     except Exception as error:  # whatever MLflow, its database or its server raise
-        name = f"{row['capture']} {row['condition']} seed {row['seed']}"
-        logging.getLogger("mattgs").warning("%s was not logged to MLflow: %s", name, error)
+        _warn(row, error)
         return row
-
     return row | {"run_id": run_id}
+
+
+def close(tracking_uri: str, row: Row, recorded: Row) -> Row:
+    """Close the run that holds ``recorded`` with ``row``, which has what was measured last.
+
+    Returns the row with its run's id.
+    """
+    if recorded["run_id"] is None:  # the registry failed, and said so
+        return row
+    row = row | {"run_id": recorded["run_id"]}
+    try:
+        registry.finish(tracking_uri, row, recorded)
+    except Exception as error:  # whatever MLflow, its database or its server raise
+        _warn(row, error)
+    return row
+
+
+def _warn(row: Row, error: Exception) -> None:
+    name = f"{row['capture']} {row['condition']} seed {row['seed']}"
+    logging.getLogger("mattgs").warning("%s was not logged to MLflow: %s", name, error)
 
 
 def record_summary(

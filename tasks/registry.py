@@ -102,6 +102,18 @@ def record(
     return run_id
 
 
+def finish(tracking_uri: str, row: Row, before: Row) -> None:
+    """Close the run of ``row``, which was recorded as ``before``: bring what is new since."""
+    client, run_id = _client(tracking_uri), before["run_id"]
+    old = before.get("metrics") or {}
+    new = {k: v for k, v in (row.get("metrics") or {}).items() if k not in old or old[k] != v}
+    _log_metrics(client, run_id, _metrics({"metrics": new}, time.time_ns() // 1_000_000))
+    if _ended(row) != _ended(before):
+        _log_tags(client, run_id, _ended(row))
+    client.log_dict(run_id, row | {"run_id": run_id}, ROW_FILE)
+    client.set_terminated(run_id, "FINISHED" if row["status"] == "finished" else "FAILED")
+
+
 def begin(tracking_uri: str, experiment: str, row: Row, parameters: Mapping[str, Any]) -> str:
     """Open the run of an experiment that is under way, and return its id.
 
@@ -195,10 +207,8 @@ def _run_of(client: Any, experiment: str, row: Row) -> str:
     """Return the row's own run, made when there is none, with its tags."""
     provenance = row.get("provenance") or {}
     tags = {name: str(row[name]) for name in TAGS}
-    tags |= {
+    tags |= _ended(row) | {
         "mattgs.row": row_key(row),
-        "status": row["status"],
-        "reason": str(row.get("reason") or ""),
         "code_version": str(provenance.get("code_version", "")),
         "git": str(provenance.get("git", "")),
         "config_digest": str(provenance.get("config_digest", "")),
@@ -207,10 +217,12 @@ def _run_of(client: Any, experiment: str, row: Row) -> str:
     if run_id is None:
         name = f"{row['capture']} {row['condition']} seed {row['seed']}"
         return str(client.create_run(experiment, tags=tags, run_name=name).info.run_id)
-    from mlflow.entities import RunTag
-
-    client.log_batch(run_id, tags=[RunTag(key, value) for key, value in tags.items()])
+    _log_tags(client, run_id, tags)
     return run_id
+
+
+def _ended(row: Row) -> dict[str, str]:
+    return {"status": row["status"], "reason": str(row.get("reason") or "")}
 
 
 def _find_run(client: Any, experiment: str, row: Row) -> str | None:
@@ -244,6 +256,12 @@ def _is_number(value: object) -> bool:
 def _log_metrics(client: Any, run_id: str, metrics: list[Any]) -> None:
     for start in range(0, len(metrics), BATCH_METRICS):
         client.log_batch(run_id, metrics=metrics[start : start + BATCH_METRICS])
+
+
+def _log_tags(client: Any, run_id: str, tags: Mapping[str, str]) -> None:
+    from mlflow.entities import RunTag
+
+    client.log_batch(run_id, tags=[RunTag(key, value) for key, value in tags.items()])
 
 
 def _log_parameters(client: Any, run_id: str, parameters: Mapping[str, Any]) -> None:

@@ -3,20 +3,25 @@
 One file per stage, replaced atomically::
 
     {"title": "train rover nobg-ours seed 0", "stage": "train", "state": "running",
-     "done": 300, "total": 1000, "note": "24.1 dB", "started": 1763…, "updated": 1763…}
+     "done": 300, "total": 1000, "note": "24.1 dB", "started": 1763…, "updated": 1763…,
+     "process": 4711, "machine": "desk"}
 
-``state`` is ``waiting``, ``running``, ``done``, ``cached`` or ``failed``; times are seconds since
-the epoch. The files serve people only: no result depends on them, and losing them loses nothing.
+``state`` is ``waiting``, ``running``, ``done``, ``cached`` or ``failed``, and reads as
+``interrupted`` where the process that ran the stage is gone; times are seconds since the epoch. A
+benchmark writes its whole grid as waiting when it begins. The files serve people only: no result
+depends on them, and losing them loses nothing.
 """
 
 import json
 import os
 import time
 from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
 from pathlib import Path
+from socket import gethostname
 from typing import Literal
 
-State = Literal["waiting", "running", "done", "cached", "failed"]
+State = Literal["waiting", "running", "interrupted", "done", "cached", "failed"]
 THROTTLE_SECONDS = 0.5  # a progress report is written at most this often
 
 
@@ -32,6 +37,8 @@ class Status:
     note: str = ""
     started: float = 0.0
     updated: float = 0.0
+    process: int = 0  # that sees to the stage
+    machine: str = ""  # that it runs on
 
     @property
     def seconds(self) -> float:
@@ -46,10 +53,15 @@ class StatusFile:
         self.path = path
         self._last_write = 0.0
 
+    def plan(self, title: str, stage: str) -> None:
+        """State that the stage is to run."""
+        self._write(Status(title, stage))
+
     def begin(self, title: str, stage: str) -> None:
         """State that the stage runs from now on."""
         now = time.time()
-        self._write(Status(title, stage, "running", started=now, updated=now))
+        status = Status(title, stage, "running", started=now, updated=now)
+        self._write(replace(status, process=os.getpid(), machine=gethostname()))
 
     def progress(self, done: int, total: int, note: str) -> None:
         """Take an operation's report, see ``mattgs_ops/progress.py``."""
@@ -69,7 +81,8 @@ class StatusFile:
 
     def learn(self, title: str, stage: str, state: State, seconds: float, note: str = "") -> None:
         """State how a stage ended on a machine whose status files are not seen here."""
-        if not self.path.exists():
+        known = read(self.path)
+        if known is None or known.state == "waiting":
             now = time.time()
             self._write(Status(title, stage, state, 0, 0, note, now - seconds, now))
 
@@ -87,12 +100,35 @@ class StatusFile:
 def read(path: Path) -> Status | None:
     """Return one stage's status; None when there is none (yet)."""
     try:
-        return Status(**json.loads(path.read_text(encoding="utf-8")))
+        found = path.stat()
+        status = _parsed(path, found.st_mtime_ns, found.st_ino)
     except FileNotFoundError:
         return None
+    here = status.machine == gethostname()
+    if status.state == "running" and here and not _alive(status.process):
+        return replace(status, state="interrupted")
+    return status
+
+
+@lru_cache(maxsize=8192)
+def _parsed(path: Path, changed: int, node: int) -> Status:
+    """Read a file once; whoever watches a grid asks for all of them twice a second."""
+    del changed, node
+    return Status(**json.loads(path.read_text(encoding="utf-8")))
+
+
+def _alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:  # another user's
+        pass
+    return True
 
 
 def read_all(folder: Path) -> list[Status]:
-    """Return the status of every stage below ``folder``, in order of start."""
+    """Return the status of every stage below ``folder``: in order of start, waiting ones last."""
     found = [read(path) for path in sorted(folder.glob("*.json"))]
-    return sorted((s for s in found if s is not None), key=lambda s: (s.started, s.title))
+    known = (status for status in found if status is not None)
+    return sorted(known, key=lambda s: (s.state == "waiting", s.started, s.title))

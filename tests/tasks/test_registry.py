@@ -104,6 +104,23 @@ def test_a_row_recorded_again_updates_its_run(place: tuple[str, Path]) -> None:
     assert client(uri).get_run(first).data.tags["reason"] == ""
 
 
+def test_a_run_is_closed_with_what_came_last_and_no_more(place: tuple[str, Path]) -> None:
+    uri, artifacts = place
+    experiment = registry.open_benchmark(uri, "closed", artifacts)
+    run_id = registry.record(uri, experiment, row(), parameters={"a": 1}, final=False)
+    recorded = row() | {"run_id": run_id}
+    assert client(uri).get_run(run_id).info.status == "RUNNING"
+    measured = row(metrics=row()["metrics"] | {"fps": 31.0})
+    registry.finish(uri, measured, recorded)
+    run = client(uri).get_run(run_id)
+    assert (run.info.status, run.data.metrics["fps"]) == ("FINISHED", 31.0)
+    assert len(client(uri).get_metric_history(run_id, "psnr")) == 1, "it was logged before"
+    assert registry.rows(uri, "closed") == [measured | {"run_id": run_id}]
+    registry.finish(uri, row(status="failed", reason="speed was not measured"), recorded)
+    run = client(uri).get_run(run_id)
+    assert (run.info.status, run.data.tags["reason"]) == ("FAILED", "speed was not measured")
+
+
 def test_other_code_configuration_or_inputs_are_another_run() -> None:
     keys = {
         registry.row_key(row()),

@@ -121,7 +121,7 @@ def test_a_registry_that_fails_costs_nothing_but_a_warning(
         with following(place, broken, {TITLE: Expected(row(), {})}, every=0.02):
             wait_for(lambda: "not followed any more" in caplog.text)
         finished = row() | {"status": "finished"}
-        assert record(place, broken, finished, {}, {}, final=False) == finished
+        assert record(place, broken, finished, {}, {}) == finished
         record_summary(place, broken, "small", [finished], place.out)
         assert promoted(broken, "small") == []
     assert "ball nobg-ours seed 0 was not logged to MLflow" in caplog.text

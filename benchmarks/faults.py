@@ -241,32 +241,33 @@ def _wait_for_workers(address: str) -> None:
 
 def truncate_artifact(trial: Trial) -> str:
     """Cut a finished file."""
-    code = trial.run()
-    path = _splats_file(trial)
+    path = _finished(trial)
     os.truncate(path, path.stat().st_size // 2)
-    return f"exit {code}"
+    return "-"
 
 
 def corrupt_artifact(trial: Trial) -> str:
     """Change some bytes of a finished file."""
-    code = trial.run()
-    path = _splats_file(trial)
+    path = _finished(trial)
     with path.open("r+b") as file:
         file.seek(path.stat().st_size // 2)
         file.write(b"\xff\xfe\xfd")
-    return f"exit {code}"
+    return "-"
 
 
-def _splats_file(trial: Trial) -> Path:
+def _finished(trial: Trial) -> Path:
+    """Take over the finished run without faults; return the file of some splats."""
+    shutil.rmtree(trial.out)
+    shutil.copytree(trial.folder / "reference", trial.out)
     return next(iter(trial.out.glob("store/train/*/files/splats.ply")))
 
 
 def corrupt_manifest(trial: Trial) -> str:
     """Cut the manifests of the finished scores."""
-    code = trial.run()
+    _finished(trial)
     for path in trial.out.glob("store/evaluate/*/manifest.json"):
         path.write_text("{", encoding="utf-8")
-    return f"exit {code}"
+    return "-"
 
 
 def two_flows(trial: Trial) -> str:

@@ -305,6 +305,14 @@ FAULTS: dict[str, Callable[[Trial], str]] = {
     "two flows at once": two_flows,
     "a full disk": full_disk,
 }
+# How a run ends that was hit; one that ends otherwise was not, and says nothing.
+ENDS = {
+    kill_flow: f"exit {-signal.SIGKILL}",
+    terminate_flow: f"exit {-signal.SIGTERM}",
+    interrupt_flow: "exit 130",
+    kill_server: "exit 1",
+    full_disk: "exit 1",
+}
 DAMAGES = {truncate_artifact: 1, corrupt_artifact: 1, corrupt_manifest: EXPERIMENTS}
 
 
@@ -314,6 +322,8 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, help="work here; by default a temporary folder")
     parser.add_argument("--only", nargs="*", choices=list(FAULTS))
     options = parser.parse_args()
+    # a shell that starts this in the background has it ignored, and so would the runs
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     folder = (options.folder or Path(tempfile.mkdtemp(prefix="mattgs-faults-"))).resolve()
     with shared_services(folder):
         sys.exit(0 if try_all(folder, options.only) else 1)
@@ -377,7 +387,8 @@ def attempt(folder: Path, name: str, reference: Trial) -> list[str | int]:
         if os.path.ismount(trial.out):
             subprocess.run(["umount", "-l", str(trial.out)], check=True)
     once = trial.experiments() == runs == EXPERIMENTS
-    well = code == 0 and same and once and left == 0 and half == 0
+    hit = happened == ENDS.get(fault, happened)
+    well = hit and code == 0 and same and once and left == 0 and half == 0
     told = [happened, half, left, f"exit {code}", resumed, "yes" if same else "**no**", runs]
     return [*told, round(time.monotonic() - began), "yes" if well else "**no**"]
 

@@ -2,7 +2,9 @@
 
 Everything runs on this machine, on loopback: an S3 server, an MLflow server, a Prefect server, a
 Dask scheduler and two workers. Each worker has a folder of its own and, where the right to mount is
-given, cannot even see the flow's folder or the other worker's. Prints who did which stage.
+given, cannot even see the flow's folder or the other worker's. In the middle of a training one
+worker is lost, folder and all: the other goes on from the copy of its checkpoint. Prints who did
+which stage. Then a flow that has nothing yet asks for the same grid: nothing is trained again.
 
     python benchmarks/two_machines.py [--folder DIR]
 """
@@ -22,12 +24,15 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+import psutil
+
 from benchmarks import tiny
 from flows.prefect_server import PrefectServer
 
-OPTIONS = ["--name", "two-machines", "--iterations", "50", "--seeds", "0,1"]
+OPTIONS = ["--name", "two-machines", "--iterations", "2000", "--seeds", "0,1"]
 OPTIONS += ["--conditions", "nobg-3dgs,nobg-ours"]
 WORKERS = ("worker-a", "worker-b")
+NAMES = ("flow", *WORKERS)
 START_SECONDS = 180.0
 BUCKET = "mattgs"
 QUIET = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
@@ -41,20 +46,22 @@ def main() -> None:
     folder = (options.folder or Path(tempfile.mkdtemp(prefix="mattgs-two-"))).resolve()
     _write_input(folder)
     with ExitStack() as stack:
-        scheduler = stack.enter_context(services(folder))
+        scheduler, workers = stack.enter_context(services(folder))
         began = time.monotonic()
-        code = _run(folder, scheduler)
+        flow = _start(folder, scheduler)
+        lost = _lose(folder, workers[WORKERS[0]], flow)
+        code = _end(flow)
         print(f"Grid of 4 experiments: exit {code}, {time.monotonic() - began:.0f} s\n")
-        ok = code == 0 and _tell(folder)
+        ok = code == 0 and _tell(folder, lost)
         # another machine, that has nothing yet, asks for the same
         shutil.rmtree(folder / "flow" / "store")
         began = time.monotonic()
-        code = _run(folder, scheduler)
+        code = _end(_start(folder, scheduler))
         again = json.loads(_rows_file(folder).read_text(encoding="utf-8"))
         print(f"\nAgain with an empty folder: exit {code}, {time.monotonic() - began:.0f} s,")
-        trained = _count(folder, "train") + len(list((folder / "flow").glob("logs/train-*.log")))
-        print(f"{len(again)} rows, {trained} trainings in all")
-    sys.exit(0 if ok and code == 0 and trained == len(again) else 1)
+        trained = sum(len(list((folder / name).glob("logs/train-*.log"))) for name in NAMES)
+        print(f"{len(again)} rows, {trained} trainings in all, the lost one included")
+    sys.exit(0 if ok and code == 0 and trained == len(again) + 1 else 1)
 
 
 def _write_input(folder: Path) -> None:
@@ -64,8 +71,9 @@ def _write_input(folder: Path) -> None:
 
 
 @contextmanager
-def services(folder: Path) -> Iterator[str]:
-    """Start all servers and both workers; yield the Dask scheduler's address."""
+def services(folder: Path) -> Iterator[tuple[str, dict[str, psutil.Process]]]:
+    """Start all servers and both workers; yield the Dask scheduler's address and the workers."""
+    workers = {}
     with ExitStack() as stack:
         server = PrefectServer(folder / "prefect", folder / "prefect.log")
         stack.callback(server.stop)
@@ -88,10 +96,31 @@ def services(folder: Path) -> Iterator[str]:
             hidden = [folder / other for other in ("flow", "photos", *WORKERS) if other != name]
             worker = [*dask, "worker", address, "--nthreads", "1", "--no-dashboard"]
             worker += ["--name", name, "--local-directory", str(folder / name / "dask")]
-            stack.enter_context(_process(_without(hidden, worker), folder / name))
+            process = stack.enter_context(_process(_without(hidden, worker), folder / name))
+            workers[name] = psutil.Process(process)
         _wait_for(f"{tracking}/health")
         _wait_for_workers(address)
-        yield address
+        yield address, workers
+
+
+def _lose(folder: Path, worker: psutil.Process, flow: "subprocess.Popen[str]") -> str:
+    """Kill a worker, with all that it runs, as soon as a checkpoint of its training was copied.
+
+    Returns the key of that training.
+    """
+    import fsspec
+
+    files = fsspec.filesystem("s3", use_listings_cache=False)
+    while flow.poll() is None:
+        for place in (folder / WORKERS[0]).glob("store/work/train-*"):
+            key = place.name.replace("-", "/", 1)
+            if files.exists(f"{BUCKET}/store/drafts/{key}/manifest.json"):
+                for process in [worker, *worker.children(recursive=True)]:
+                    process.kill()
+                shutil.rmtree(folder / WORKERS[0] / "store")
+                return key
+        time.sleep(0.2)
+    return "none"
 
 
 @contextmanager
@@ -136,14 +165,14 @@ def _without(hidden: list[Path], command: list[str]) -> list[str]:
 
 
 @contextmanager
-def _process(command: list[str], folder: Path) -> Iterator[None]:
+def _process(command: list[str], folder: Path) -> Iterator[int]:
     environment = os.environ | {"MATTGS_WORK": str(folder), "TMPDIR": str(folder)}
     with (folder / "processes.log").open("ab") as log:
         process = subprocess.Popen(
             command, env=environment, cwd=folder, stdout=log, stderr=subprocess.STDOUT
         )
     try:
-        yield
+        yield process.pid
     finally:
         process.terminate()
         process.wait()
@@ -168,19 +197,26 @@ def _wait_for_workers(address: str) -> None:
         client.wait_for_workers(len(WORKERS), timeout=START_SECONDS)
 
 
-def _run(folder: Path, scheduler: str) -> int:
+def _start(folder: Path, scheduler: str) -> "subprocess.Popen[str]":
     command = [sys.executable, "-m", "flows.cli", "run", "--config", str(folder / "tiny.toml")]
     command += OPTIONS
     command += ["--dask-scheduler", scheduler, "--store", f"s3://{BUCKET}/store"]
     command += ["--out", str(folder / "flow")]
     environment = os.environ | {"TMPDIR": str(folder / "flow")}
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-    if done.returncode != 0:
-        print(done.stdout, done.stderr)
-    return done.returncode
+    pipe = subprocess.PIPE
+    return subprocess.Popen(
+        command, env=environment, stdout=pipe, stderr=subprocess.STDOUT, text=True
+    )
 
 
-def _tell(folder: Path) -> bool:
+def _end(flow: "subprocess.Popen[str]") -> int:
+    told, _ = flow.communicate()
+    if flow.returncode != 0:
+        print(told)
+    return flow.returncode
+
+
+def _tell(folder: Path, lost: str) -> bool:
     """Print who did what; return whether each worker trained and each run is in MLflow."""
     import fsspec
 
@@ -189,7 +225,7 @@ def _tell(folder: Path) -> bool:
     print("| machine | prepare | segment | sfm | train | evaluate | measure |")
     print("|---|--:|--:|--:|--:|--:|--:|")
     stages = ("prepare", "segment", "sfm", "train", "evaluate", "measure")
-    for name in ("flow", *WORKERS):
+    for name in NAMES:
         counts = [len(list((folder / name).glob(f"logs/{stage}-*.log"))) for stage in stages]
         print(f"| {name} | {' | '.join(str(count) for count in counts)} |")
     files = fsspec.filesystem("s3", use_listings_cache=False)
@@ -200,11 +236,10 @@ def _tell(folder: Path) -> bool:
     print(f"\nObject store: {manifests} artifacts, {len(found)} objects, ", end="")
     print(f"{sum(found.values()) / 1e6:.1f} MB; MLflow: {len(runs)} runs")
     trained = [len(list((folder / name).glob("logs/train-*.log"))) for name in WORKERS]
-    return all(trained) and sum(trained) == len(rows) == len(runs) == 4
-
-
-def _count(folder: Path, stage: str) -> int:
-    return sum(len(list((folder / name).glob(f"logs/{stage}-*.log"))) for name in WORKERS)
+    report = folder / WORKERS[1] / "store" / lost / "files" / "training.json"
+    resumed = json.loads(report.read_text(encoding="utf-8"))["resumed_from"]
+    print(f"The training that {WORKERS[0]} lost went on at step {resumed} on {WORKERS[1]}")
+    return all(trained) and resumed > 0 and sum(trained) - 1 == len(rows) == len(runs) == 4
 
 
 def _rows_file(folder: Path) -> Path:

@@ -116,7 +116,7 @@ def test_a_killed_training_goes_on_here_or_elsewhere_and_ends_in_the_same_bits(
     wait_for(lambda: bool(list((tmp_path / "shared").glob("drafts/train/*/manifest.json"))))
     flow.send_signal(signal.SIGKILL)
     flow.communicate()
-    assert states(here) == {"train ball nobg-ours seed 0": "running"}
+    assert states(here) == {"train ball nobg-ours seed 0": "interrupted"}
 
     alone = RunConfig()  # nothing shared: what lies in the folders is all there is
     straight = Place(tmp_path / "straight", "small", alone)

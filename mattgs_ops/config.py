@@ -113,7 +113,7 @@ class TrainConfig(Frozen):
     densify_scale: float = Field(0.01, gt=0, description="split above this share of the extent")
     prune_opacity: float = Field(0.005, ge=0, lt=1)
     opacity_reset_every: int = Field(3000, ge=1)
-    max_splats: int = Field(300_000, ge=100, description="densification stops at this many")
+    max_splats: int = Field(300_000, ge=100, description="no more are started from or added")
     background: Literal["white", "black", "random"] = "white"
     checkpoint_every: int = Field(1000, ge=0, description="0: never")
 

@@ -58,6 +58,14 @@ class StartingPoints:
         """Return the ``chosen`` [P] points."""
         return replace(self, xyz=self.xyz[chosen], rgb=self.rgb[chosen])
 
+    def at_most(self, count: int, seed: int) -> "StartingPoints":
+        """Return all points, or ``count`` drawn from them without order where there are more."""
+        if len(self.xyz) <= count:
+            return self
+        chosen = np.zeros(len(self.xyz), dtype=np.bool_)
+        chosen[np.random.default_rng(seed).permutation(len(chosen))[:count]] = True
+        return self.keep(chosen)
+
 
 def starting_points(
     points: SparsePoints, views: Sequence[StoredView], background: Background, seed: int

@@ -89,6 +89,7 @@ def train(
         schedule = Schedule.of(config, iterations, extent)
         trainer = Trainer(stored, condition.background, method, config, schedule, extent, threads)
         points = starting_points(scene.points(), stored, condition.background, seed)
+        points = points.at_most(config.max_splats, seed)  # memory is bound by that number
         state = checkpoint.load(out, key)
         resumed_from = 0 if state is None else state.step
         if state is None:

@@ -89,6 +89,18 @@ def test_cameras_that_share_no_volume_are_a_stated_failure(views: list[StoredVie
         starting_points(sparse(0), empty, "nobg", 0)
 
 
+def test_more_points_than_allowed_are_thinned_by_the_seed() -> None:
+    xyz = np.arange(300.0).reshape(100, 3)
+    points = StartingPoints(xyz, xyz / 300, "sparse")
+    assert points.at_most(100, seed=0) is points
+    thinned = points.at_most(30, seed=0)
+    assert len(thinned.xyz) == 30
+    assert {tuple(row) for row in thinned.xyz} <= {tuple(row) for row in xyz}
+    np.testing.assert_array_equal(thinned.rgb, thinned.xyz / 300)
+    np.testing.assert_array_equal(thinned.xyz, points.at_most(30, seed=0).xyz)
+    assert not np.array_equal(thinned.xyz, points.at_most(30, seed=1).xyz)
+
+
 def test_splats_start_as_large_as_their_three_nearest_neighbours_are_far() -> None:
     points = StartingPoints(
         np.random.default_rng(1).normal(size=(60, 3)), np.zeros((60, 3)), "sparse"

@@ -33,11 +33,12 @@ QUALITY = {  # metric: heading, decimals
     "detail_psnr": ("PSNR small parts, dB", 2),
     "psnr": ("PSNR, dB", 2),
 }
-COST = {"size_mb": "Size ×", "fps": "FPS ×", "time": "Time ×"}
+COST = {"size_mb": "Size ×", "fps": "FPS ×", "time": "Time ×", "time_cpu": "CPU time ×"}
 Numbers = Mapping[str, Interval | float | None]
 PAIRED = (
     "Differences of held-out scores, paired by view and seed: mean ± half of the 95 % interval; "
-    "bold where the interval excludes zero. Size, FPS and Time are ratios of means."
+    "bold where the interval excludes zero. Size, FPS and times are ratios of means; where other "
+    "work ran beside the trainings, trust the CPU time."
 )
 OVERALL = "The mean over all weighs each capture and background once; its interval is over those."
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from mattgs_ops.config import BenchmarkConfig, RunConfig
+from mattgs_ops.config import BenchmarkConfig, MethodConfig, RunConfig
 from mattgs_ops.errors import StageError
 from tasks.evaluate import evaluate
 from tasks.measure import measure
@@ -100,6 +100,16 @@ def test_a_failed_stage_says_why_and_leaves_nothing_in_the_store(
     with pytest.raises(StageError, match=r"points\.npz"):
         train(place, CELL, scene, config)
     assert states(place) == {"train ball nobg-ours seed 0": "failed"}
+    assert not list(place.store.glob("train/*"))
+
+
+def test_a_training_that_diverges_says_at_which_step(
+    place: Place, config: BenchmarkConfig, put_scene: PutScene
+) -> None:
+    wild = MethodConfig(weighting="residual", weight=1e39)  # infinite as a 32-bit number
+    diverging = config.model_copy(update={"methods": {"wild": wild}})
+    with pytest.raises(StageError, match=r"step 1, view .*: the loss is nan"):
+        train(place, Cell("ball", "nobg-wild", 0), put_scene(place), diverging)
     assert not list(place.store.glob("train/*"))
 
 

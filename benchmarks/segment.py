@@ -1,16 +1,18 @@
 """Segmentation: photos per second, and agreement with the bundled captures' true masks.
 
-    python benchmarks/segment.py [--threads 2] [--captures rover,hexapod,lattepanda] [--votes]
+    python benchmarks/segment.py [--threads 2] [--captures rover,hexapod,lattepanda]
+        [--masks alone,grabcut,no-network,votes]
 
 Prints two Markdown tables. The first times U²-NetP at 320 × 320, reading and resizing included,
-writing not; the second scores the bundled model, with and without GrabCut refinement, and with
-``--votes`` (two minutes a capture) by the votes of all views, cameras estimated as in a benchmark.
+writing not; the second scores the bundled model alone, refined by GrabCut, GrabCut without a
+network, and the votes of all views, cameras estimated as in a benchmark (a few minutes a capture).
 """
 
 import argparse
 import shutil
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +27,13 @@ from mattgs_ops.segment.report import MaskReport
 from mattgs_ops.segment.u2net import U2Net
 
 PHOTOS, REPEATS = 8, 3
+GAIN = 100  # of the timed network's last layer: untrained maps are flat, and refused as empty
+MASKS = {
+    "alone": SegmentConfig(source="u2net", refine="none"),
+    "grabcut": SegmentConfig(source="u2net", refine="grabcut"),
+    "no-network": SegmentConfig(source="grabcut"),
+}
+VOTES = "votes"
 
 
 def speed(path: Path, threads: int) -> tuple[int, float]:
@@ -46,37 +55,43 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--captures", default=",".join(BUNDLED))
-    parser.add_argument("--votes", action="store_true")
+    parser.add_argument("--masks", default=",".join([*MASKS, VOTES]))
     options = parser.parse_args()
+    masks = options.masks.split(",")
+    unknown = set(masks) - {*MASKS, VOTES}
+    if unknown:
+        parser.error(f"--masks: expected some of {', '.join([*MASKS, VOTES])}, found {unknown}")
     with tempfile.TemporaryDirectory() as folder:
         torch.manual_seed(0)
         at_320 = Path(folder) / "u2netp-320.onnx"
-        export(U2Net("u2netp").eval(), at_320, size=320)
+        timed = U2Net("u2netp").eval()
+        with torch.no_grad():
+            timed.outconv.weight.mul_(GAIN)
+        export(timed, at_320, size=320)
         print("| model | side | threads | photos/s |\n|---|---|---|---|")
         for name, path in (("U²-NetP", at_320), ("bundled", BUNDLED_MODEL)):
             for threads in dict.fromkeys((1, options.threads)):
                 side, rate = speed(path, threads)
                 print(f"| {name} | {side} | {threads} | {rate:.1f} |")
-        print("\n| capture | refine | IoU | worst | F | MAE | boundary F | flagged |")
+        print("\n| capture | masks | IoU | worst | F | MAE | boundary F | flagged |")
         print("|---|---|---|---|---|---|---|---|")
         for capture in filter(None, options.captures.split(",")):
-            quality_rows(capture, Path(folder), options.threads, votes=options.votes)
+            quality_rows(capture, Path(folder), options.threads, masks)
 
 
-def quality_rows(name: str, folder: Path, threads: int, *, votes: bool) -> None:
+def quality_rows(name: str, folder: Path, threads: int, masks: Sequence[str]) -> None:
     """Print a capture's rows."""
     from mattgs_ops import captures
 
     prepared = captures.prepare(CaptureConfig(name=name), folder / name, test_every=8)
-    settings = {
-        "alone": SegmentConfig(source="u2net", refine="none"),
-        "grabcut": SegmentConfig(source="u2net", refine="grabcut"),
-        "GrabCut, no network": SegmentConfig(source="grabcut"),
-    }
-    for label, config in settings.items():
-        print_row(name, label, segment(prepared, config, folder / f"{name}-{label}"))
-    if votes:
-        print_row(name, "votes", voted(prepared, folder / f"{name}-alone", folder, threads))
+    for label, config in MASKS.items():
+        if label in masks:
+            print_row(name, label, segment(prepared, config, folder / f"{name}-{label}"))
+    if VOTES in masks:
+        alone = folder / f"{name}-alone"
+        if "alone" not in masks:
+            segment(prepared, MASKS["alone"], alone)
+        print_row(name, VOTES, voted(prepared, alone, folder, threads))
 
 
 def voted(capture: PreparedCapture, alone: Path, folder: Path, threads: int) -> MaskReport:

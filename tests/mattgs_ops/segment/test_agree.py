@@ -3,12 +3,13 @@
 A ball on a desk, made of splats by hand; what a network would say of it is made up, wrongly.
 """
 
+import cv2
 import numpy as np
 import pytest
 import torch
 
 from mattgs_ops.camera import Camera, Intrinsics
-from mattgs_ops.segment.agree import AGREED, Place, ask, locate, show, standing, surer
+from mattgs_ops.segment.agree import SHARE, Place, ask, locate, show, standing, surer, whole
 from mattgs_ops.splat.gaussians import Splats
 
 WIDTH, HEIGHT, VIEWS = 96, 72, 10
@@ -81,7 +82,7 @@ def said(cameras: list[Camera]) -> list[np.ndarray]:
 
 
 def iou(shown: np.ndarray, expected: np.ndarray) -> float:
-    found, wanted = shown > AGREED, expected > 0.5
+    found, wanted = shown > SHARE, expected > 0.5
     return float((found & wanted).sum() / (found | wanted).sum())
 
 
@@ -92,7 +93,7 @@ def agreed(splats: Splats, cameras: list[Camera]) -> tuple[list[np.ndarray], Pla
     assert place.ground is not None
     labels = standing(splats, labels, place)
     first = [surer(show(splats, labels, camera, place)) for camera in cameras]
-    labels = standing(splats, ask(splats, cameras, first)[0], place)
+    labels = whole(splats, ask(splats, cameras, first)[0], weights, place)
     return [show(splats, labels, camera, place) for camera in cameras], place
 
 
@@ -116,6 +117,24 @@ def test_a_floater_before_a_camera_hides_nothing_from_it() -> None:
     near = CENTRE + 0.7 * (cameras[4].centre - CENTRE)
     shown, _ = agreed(scene_of_splats(near), cameras)
     assert iou(shown[4], truth(cameras[4])) > 0.8
+
+
+def test_a_spot_that_no_view_finds_is_object_because_it_is_part_of_the_ball() -> None:
+    cameras, splats = orbit(), scene_of_splats()
+    top = CENTRE + np.array([0, 0, RADIUS])
+    maps = [truth(camera) for camera in cameras]
+    for camera, soft in zip(cameras, maps, strict=True):
+        column, row = camera.project(top[None])[0][0].astype(int)
+        cv2.circle(soft, (int(column), int(row)), 5, 0.0, -1)
+    labels, weights = ask(splats, cameras, maps)
+    place = locate(splats, labels, weights, cameras)
+    assert place is not None
+    spot = np.linalg.norm(splats.means.numpy() - top, axis=1) < 0.1
+    assert standing(splats, labels, place)[spot].max() < 0.3
+    labels = whole(splats, labels, weights, place)
+    assert set(np.unique(labels)) == {0, 1}
+    assert labels[spot].min() == 1
+    assert labels[BALL:].max() == 0  # the desk, on which the ball touches it too
 
 
 def test_a_splats_label_is_the_mean_of_what_its_pixels_were_given() -> None:

@@ -17,7 +17,7 @@ from mattgs_ops.config import BenchmarkConfig, CaptureConfig
 from mattgs_ops.errors import MattgsError
 from reports.build import build
 from tasks import prefect_tasks as run
-from tasks.record import close, promoted, record, record_summary
+from tasks.record import close, close_orphans, promoted, record, record_summary
 from tasks.registry_live import Expected, following
 from tasks.row import Outcome, Row, make_row, running_row, settings
 from tasks.stage import Artifact, Cell, Place, slug
@@ -57,6 +57,7 @@ def benchmark(config: BenchmarkConfig, out: Path, tracking_uri: str) -> Path:
     written, when an experiment has failed.
     """
     place = Place(out, config.name, config.run)
+    close_orphans(tracking_uri, config.name)
     chains = [chain for capture in config.captures for chain in _submit(place, capture, config)]
     outcomes: list[Outcome] = []
     recorded: list[Row] = []

@@ -1,4 +1,4 @@
-"""Which artifacts the recorded runs refer to, and the removal of all others."""
+"""Which artifacts the recorded runs refer to, and the removal of all others; open runs closed."""
 
 import time
 from pathlib import Path
@@ -7,7 +7,7 @@ from flows import embedded
 from mattgs_ops.errors import InputError
 from mattgs_ops.store import Store
 from mattgs_ops.store_cleaning import Kind, Removal, clean
-from tasks import registry
+from tasks import registry, registry_orphans
 from tasks.stage import Place
 
 UNITS = ("bytes", "kB", "MB", "GB", "TB")
@@ -28,14 +28,30 @@ def clean_up(out: Path, *, unused_hours: float, dry_run: bool) -> str:
         raise InputError(f"{store.root}: expected a store, found none; --out names the folder")
     embedded.quieten(out)
     since = time.time() - 3600 * unused_hours
-    return _told(clean(store, referred(out), unused_since=since, dry_run=dry_run), dry_run=dry_run)
+    closed = _close(out, dry_run=dry_run) if _recorded(out) else []
+    removed = clean(store, referred(out), unused_since=since, dry_run=dry_run)
+    return "\n".join([*closed, _told(removed, dry_run=dry_run)])
+
+
+def _close(out: Path, *, dry_run: bool) -> list[str]:
+    """Close the runs that dead processes left open; one line each."""
+    closed = registry_orphans.close_orphans(embedded.tracking_uri(out), dry_run=dry_run)
+    verb = "Would close" if dry_run else "Closed"
+    return [f"{verb} as KILLED, its process is gone: {name}" for name in closed]
+
+
+def _recorded(out: Path) -> bool:
+    """Whether there is a registry: asking SQLite for one would make it."""
+    tracking = embedded.tracking_uri(out)
+    local = tracking.startswith("sqlite:///")
+    return not local or Path(tracking.removeprefix("sqlite:///")).is_file()
 
 
 def referred(out: Path) -> set[str]:
     """Return the keys of all artifacts that MLflow's runs and the benchmarks' rows refer to."""
     rows = [row for path in sorted(out.glob("benchmarks/*/rows.json")) for row in _read(path)]
-    tracking = embedded.tracking_uri(out)
-    if not tracking.startswith("sqlite:///") or Path(tracking.removeprefix("sqlite:///")).is_file():
+    if _recorded(out):
+        tracking = embedded.tracking_uri(out)
         for benchmark in registry.benchmarks(tracking):
             rows += registry.rows(tracking, benchmark)
     places = [place for row in rows for place in (row.get("artifacts") or {}).values()]

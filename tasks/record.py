@@ -8,7 +8,7 @@ from typing import Any
 
 from mattgs_ops.scene import Scene
 from mattgs_ops.scene_example import example
-from tasks import registry, registry_promotion, registry_summary
+from tasks import registry, registry_orphans, registry_promotion, registry_summary
 from tasks.registry_live import CURVE_FILE, read_curve
 from tasks.row import Row, scene_of
 from tasks.stage import KEY_LETTERS, Artifact, Place, slug
@@ -95,6 +95,19 @@ def record_summary(
     except Exception as error:  # whatever MLflow, its database or its server raise
         text = "the summary of %s was not logged to MLflow: %s"
         logging.getLogger("mattgs").warning(text, benchmark, error)
+
+
+def close_orphans(tracking_uri: str, benchmark: str) -> None:
+    """Close runs that an earlier, killed run of this benchmark left open; never raises."""
+    try:
+        closed = registry_orphans.close_orphans(tracking_uri, benchmark)
+    except Exception as error:  # whatever MLflow, its database or its server raise
+        text = "open runs of %s could not be looked through in MLflow: %s"
+        logging.getLogger("mattgs").warning(text, benchmark, error)
+        return
+    if closed:
+        text = "closed what an interrupted run left open in MLflow: %s"
+        logging.getLogger("mattgs").info(text, ", ".join(closed))
 
 
 def promoted(tracking_uri: str, benchmark: str) -> list[Row]:

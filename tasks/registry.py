@@ -20,12 +20,14 @@ from pathlib import Path
 from typing import Any
 
 from mattgs_ops.errors import InputError
+from tasks import registry_view, run_owner
 
 Row = dict[str, Any]
 
 ROW_FILE, VIEWS_FILE, CONFIG_FILE = "row.json", "per_view.json", "config.json"
 BATCH_METRICS, BATCH_PARAMETERS = 1000, 100  # MLflow's limits for one call of log_batch
 PARAMETER_LENGTH = 6000  # MLflow's limit for a value
+OWNER_TAG = "mattgs.owner"  # of runs under way: see tasks/run_owner.py
 TAGS = ("capture", "condition", "background", "method", "seed", "iterations", "resolution")
 IDENTITY = ("benchmark", *TAGS)
 
@@ -56,7 +58,8 @@ def open_benchmark(tracking_uri: str, benchmark: str, artifacts: Path | None) ->
         shared = tracking_uri.startswith("http")
         place = None if artifacts is None or shared else (artifacts.resolve() / benchmark).as_uri()
         try:
-            return str(client.create_experiment(benchmark, artifact_location=place))
+            tags = registry_view.experiment_tags()
+            return str(client.create_experiment(benchmark, place, tags))
         except MlflowException:  # another flow was faster
             found = client.get_experiment_by_name(benchmark)
             if found is None:
@@ -98,7 +101,7 @@ def record(
     if final:
         client.set_terminated(run_id, ended)
     else:
-        client.update_run(run_id, status="RUNNING")
+        open_run(client, run_id)
     return run_id
 
 
@@ -121,7 +124,7 @@ def begin(tracking_uri: str, experiment: str, row: Row, parameters: Mapping[str,
     """
     client = _client(tracking_uri)
     run_id = _run_of(client, experiment, row)
-    client.update_run(run_id, status="RUNNING")
+    open_run(client, run_id)
     _log_parameters(client, run_id, parameters)
     return run_id
 
@@ -144,20 +147,24 @@ def log_curve(tracking_uri: str, run_id: str, curve: Sequence[Mapping[str, float
 def rows(tracking_uri: str, benchmark: str) -> list[Row]:
     """Return the rows of a benchmark as they were recorded, newest first.
 
-    Raises :class:`InputError` that names the known benchmarks when there is none of this name.
+    Rows of runs that were interrupted, so that others finished what they began, come last. Raises
+    :class:`InputError` that names the known benchmarks when there is none of this name.
     """
     client = _client(tracking_uri)
     found = client.get_experiment_by_name(benchmark)
     if found is None:
         known = ", ".join(benchmarks(tracking_uri)) or "none yet"
         raise InputError(f"no benchmark is called {benchmark!r}; known: {known}")
-    out = []
+    ended: list[Row] = []
+    others: list[Row] = []
     for run in _pages(client, found.experiment_id):
-        if run.info.status == "RUNNING" and not _has_row(client, run.info.run_id):
+        whole = run.info.status in ("FINISHED", "FAILED")
+        if not whole and not _has_row(client, run.info.run_id):
             continue  # at work, or killed before it had a row
         path = client.download_artifacts(run.info.run_id, ROW_FILE)
-        out.append(json.loads(Path(path).read_text(encoding="utf-8")))
-    return out
+        row = json.loads(Path(path).read_text(encoding="utf-8"))
+        (others if run.info.status == "KILLED" else ended).append(row)
+    return ended + others
 
 
 def _has_row(client: Any, run_id: str) -> bool:
@@ -195,6 +202,12 @@ def flatten(nested: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
         else:
             out[f"{prefix}{key}"] = str(value)[:PARAMETER_LENGTH]
     return out
+
+
+def open_run(client: Any, run_id: str) -> None:
+    """Show the run as running, and this process as the one that works on it."""
+    client.set_tag(run_id, OWNER_TAG, run_owner.owner())
+    client.update_run(run_id, status="RUNNING")
 
 
 def _client(tracking_uri: str) -> Any:

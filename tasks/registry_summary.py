@@ -20,6 +20,9 @@ from tasks.registry import Row
 SUMMARY_TAG = "mattgs.summary"
 ROWS_FILE = "rows.json"
 REPORT_FOLDER = "report"
+NOTE_TAG = "mlflow.note.content"  # what the interface shows as a run's description, in Markdown
+NOTE_LENGTH = 5000  # letters; MLflow refuses tags of more than 8000 bytes
+WORDS_FILE, WORDS_END = "report.md", "## Tables"  # the report in words, and where the verdict ends
 # What a row calls its folders → where their files lie in its run
 PLACES = {"train": "", "evaluate": "", "scene": "scene"}
 
@@ -36,7 +39,7 @@ def record_summary(
 
     client: Any = MlflowClient(tracking_uri=tracking_uri)
     old = _summaries(client, experiment)
-    tags = {SUMMARY_TAG: benchmark}
+    tags = {SUMMARY_TAG: benchmark, NOTE_TAG: _note(report)}
     run_id = str(client.create_run(experiment, tags=tags, run_name="summary").info.run_id)
     finished = [row for row in rows if row["status"] == "finished"]
     numbers = {
@@ -53,6 +56,13 @@ def record_summary(
     for run in old:
         client.delete_run(run.info.run_id)
     return run_id
+
+
+def _note(report: Path) -> str:
+    """Return the report's verdict, and where the rest is."""
+    path = report / WORDS_FILE
+    words = path.read_text(encoding="utf-8").partition(WORDS_END)[0] if path.is_file() else ""
+    return f"{words[:NOTE_LENGTH].rstrip()}\n\nTables, figures and the page: artifacts, `report/`."
 
 
 def report_rows(tracking_uri: str, benchmark: str) -> list[Row]:

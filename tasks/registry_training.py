@@ -29,13 +29,13 @@ class TrainingRun:
         found = self._client.search_runs([experiment], filter_string=query, max_results=1)
         if found:
             self.id = str(found[0].info.run_id)
-            self._client.update_run(self.id, status="RUNNING")
         else:
             run = self._client.create_run(
                 experiment, tags={"mattgs.training": key}, run_name=f"segmenter {key}"
             )
             self.id = str(run.info.run_id)
             self._log_parameters(parameters)
+        registry.open_run(self._client, self.id)
 
     def log(self, step: int, values: Mapping[str, float]) -> None:
         """Add the metrics of one step, in one call."""

@@ -1,0 +1,35 @@
+"""Which process a run under way belongs to, and whether that process still lives.
+
+An owner is written ``MACHINE PROCESS BEGAN``, for example ``bench-1 4711 1763730000``: numbers of
+processes are given out again, the second in which one began is not. Of other machines nothing can
+be known from here, so nobody on them counts as dead.
+"""
+
+import os
+import socket
+
+import psutil
+
+SLACK = (
+    5.0  # seconds that two readings of a beginning may differ: clocks are set while machines run
+)
+
+
+def owner() -> str:
+    """Name this process."""
+    return f"{socket.gethostname()} {os.getpid()} {psutil.Process().create_time():.0f}"
+
+
+def is_dead(text: str) -> bool:
+    """Whether the owner is a process of this machine that has ended."""
+    machine, number, began = [*text.rsplit(" ", 2), "", ""][:3]
+    if machine != socket.gethostname() or not number.isdigit() or not began.isdigit():
+        return False
+    try:
+        process = psutil.Process(int(number))
+        zombie = bool(process.status() == psutil.STATUS_ZOMBIE)
+        return zombie or abs(float(process.create_time()) - int(began)) > SLACK
+    except psutil.NoSuchProcess:
+        return True
+    except psutil.AccessDenied:
+        return False

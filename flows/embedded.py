@@ -32,6 +32,7 @@ QUIET = {
     "MLFLOW_DISABLE_TELEMETRY": "true",
     "MLFLOW_LOGGING_LEVEL": "CRITICAL",  # what fails is told once, by a warning of ours
     "MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR": "false",
+    "MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT": "true",  # a server's; else two lines per run
     "GIT_PYTHON_REFRESH": "quiet",
 }
 WORKER_IMPORTS = "tasks.prefect_tasks"

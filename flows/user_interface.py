@@ -21,7 +21,8 @@ def serve(out: Path, port: int) -> None:
     command += ["--host", "127.0.0.1", "--port", str(port)]
     command += ["--backend-store-uri", embedded.tracking_uri(out)]
     sys.stdout.write(
-        f"MLflow: http://127.0.0.1:{port} (starting takes some seconds; Ctrl-C ends)\n"
+        f"MLflow: http://127.0.0.1:{port} (starting takes some seconds; Ctrl-C ends). "
+        "In a benchmark, Views > Benchmark shows the tables' columns.\n"
     )
     sys.stdout.flush()
     code = subprocess.run(command, check=False).returncode

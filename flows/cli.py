@@ -100,12 +100,15 @@ def run(
 @app.command()
 def report(
     benchmark: Annotated[str, typer.Argument(help="Name of a benchmark that was run.")],
+    paper_values: Annotated[
+        Path | None, typer.Option(help="The paper's own values as a TOML file, to print beside.")
+    ] = None,
     out: Out = DEFAULT_OUT,
 ) -> None:
     """Build a benchmark's report again from what MLflow holds."""
     from flows.rebuild import rebuild_report
 
-    typer.echo(f"Report: {rebuild_report(benchmark, out.resolve())}")
+    typer.echo(f"Report: {rebuild_report(benchmark, out.resolve(), paper_values)}")
 
 
 @app.command()

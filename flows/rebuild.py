@@ -7,14 +7,17 @@ from flows import embedded
 from tasks import registry_promotion, registry_summary
 
 
-def rebuild_report(benchmark: str, out: Path) -> Path:
+def rebuild_report(benchmark: str, out: Path, paper_values: Path | None = None) -> Path:
     """Build the report below ``out`` from MLflow's runs and their files; return its path.
 
-    Neither the store nor what an earlier report left is read. Raises :class:`InputError` when the
-    registry does not know the benchmark.
+    Neither the store nor what an earlier report left is read. ``paper_values`` names a file of the
+    paper's own values, in the format of ``reports/paper_values.toml``. Raises :class:`InputError`
+    when that file cannot be used, and when the registry does not know the benchmark.
     """
+    from reports import paper
     from reports.build import build
 
+    values = None if paper_values is None else paper.load(paper_values)
     embedded.quieten(out)
     tracking = embedded.tracking_uri(out)
     rows = registry_summary.report_rows(tracking, benchmark)
@@ -25,4 +28,5 @@ def rebuild_report(benchmark: str, out: Path) -> Path:
             title=f"Benchmark {benchmark}",
             artifacts_root=registry_summary.fetch(tracking, rows, Path(folder)),
             baselines=registry_promotion.aliased_rows(tracking, benchmark),
+            values=values,
         )

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from reports import figures, formats, page, photo_figures, pictures, promoted, verdict
+from reports import figures, formats, page, paper, photo_figures, pictures, promoted, verdict
 from reports.figures import Saved
 from reports.formats import Table
 from reports.pictures import Gallery
@@ -27,13 +27,15 @@ def build(
     artifacts_root: Path | None,
     summary: Mapping[str, Any] | None = None,
     baselines: Sequence[Row] = (),
+    values: paper.PaperValues | None = None,
 ) -> Path:
     """Write the report of ``rows`` into ``out`` and return the path of ``report.html``.
 
     ``artifacts_root`` is the folder that rows' artifacts are relative to; without it (or where an
     artifact is not on this disk) the pictures are left out and listed as missing. ``summary`` is
     printed under the title as label and value; None: the rows' settings and machines.
-    ``baselines`` are the rows of the promoted runs, which are marked and compared with. Raises
+    ``baselines`` are the rows of the promoted runs, which are marked and compared with. ``values``
+    are the paper's own; None: those that come with the project. Raises
     :class:`InputError` for rows that do not say which cell they belong to.
     """
     rows = promoted.mark(rows, baselines)
@@ -44,13 +46,14 @@ def build(
     ordered = [row for cell in mine for row in cell.rows]
     _write(out / "rows.json", json.dumps(ordered, indent=1, sort_keys=True, allow_nan=False) + "\n")
     against = promoted.promoted_table(good, baselines)
-    tables = [*all_tables(good), *([] if against is None else [against])]
+    tables = [*all_tables(good, values), *([] if against is None else [against])]
     for table in tables:
         for suffix, form in FORMATS.items():
             _write(out / "tables" / f"{table.slug}.{suffix}", form(table))
     found = [pictures.gallery(name, mine, artifacts_root) for name in captures(good)]
     drawn = _draw(ordered, found, artifacts_root, out / "figures")
-    judged = verdict.verdicts(good)
+    whole = verdict.overall(good)
+    judged = [*([] if whole is None else [whole]), *verdict.verdicts(good)]
     line = verdict.summary_line(good)
     html = page.render(
         title=title,
@@ -76,9 +79,9 @@ def _draw(
     rows: Sequence[Row], found: Sequence[Gallery], root: Path | None, folder: Path
 ) -> list[Saved]:
     with figures.style():
-        plots = [figures.trade_off(rows, folder), figures.training_curves(rows, root, folder)]
+        plots = [*figures.trade_offs(rows, folder), *figures.training_curves(rows, root, folder)]
         photos = photo_figures.all_photo_figures(found, cells(rows), root, folder)
-    return [figure for figure in (*photos, *plots) if figure is not None]
+    return [*photos, *plots]
 
 
 def _markdown(

@@ -1,5 +1,6 @@
 """The paper's own values: read from a data file with provenance, never typed into code."""
 
+import math
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,11 +40,26 @@ def load(path: Path = FILE) -> PaperValues:
         )
     values: dict[tuple[str, str, str], dict[str, float]] = {}
     for entry in entries:
-        unknown = set(entry) - {*_IDENTITY, *REQUIRED_METRICS}
-        missing = set(_IDENTITY) - set(entry)
+        key = (str(entry.get("capture")), str(entry.get("background")), str(entry.get("method")))
+        where = f"{path}: value of {' '.join(key)}"
+        unknown = sorted(set(entry) - {*_IDENTITY, *REQUIRED_METRICS})
+        missing = [name for name in _IDENTITY if name not in entry]
         if unknown or missing:
-            raise InputError(f"{path}: value {entry}: unknown {unknown}, missing {missing}")
-        key = (entry["capture"], entry["background"], entry["method"])
-        values[key] = {k: float(v) for k, v in entry.items() if k not in _IDENTITY}
+            expected = f"{', '.join(_IDENTITY)} and some of {', '.join(REQUIRED_METRICS)}"
+            found = f"unknown {unknown}" if unknown else f"no {', '.join(missing)}"
+            raise InputError(f"{where}: expected {expected}; found {found}")
+        if key in values:
+            raise InputError(f"{where}: expected it once, found it twice")
+        values[key] = {k: _number(v, f"{where}, `{k}`") for k, v in _numbers(entry).items()}
     differences = tuple(item["text"] for item in data.get("difference", []))
     return PaperValues(source, differences, values)
+
+
+def _numbers(entry: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in entry.items() if key not in _IDENTITY}
+
+
+def _number(value: Any, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise InputError(f"{where}: expected a finite number (time in seconds), found {value!r}")
+    return float(value)

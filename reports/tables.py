@@ -55,7 +55,7 @@ def capture_tables(rows: Sequence[Row], values: paper.PaperValues | None = None)
         groups, holes, quoted = _paper_groups(mine, values)
         notes = [*holes, *_protocol_notes(mine)]
         if quoted:
-            notes += [f"Lines marked (paper): {text}" for text in values.differences]
+            notes += _paper_notes(values)
         slug = f"table-{number}-{_slug(capture)}"
         table = make_table(slug, title, columns.PAPER, groups, notes)
         out.append(replace(table, number=columns.roman(number)))
@@ -78,7 +78,7 @@ def _paper_groups(
             lines.append(line)
             theirs = values.line(cell.key.capture, background, cell.key.method)
             if theirs is not None:
-                lines.append(_quoted_line(cell.key, theirs))
+                lines += [_quoted_line(cell.key, theirs), _difference_line(cell.key, line, theirs)]
                 quoted = True
         groups.append(Group(background_name(background), tuple(lines)))
     return groups, holes, quoted
@@ -90,6 +90,27 @@ def _quoted_line(key: CellKey, theirs: Mapping[str, float]) -> Line:
         for c in columns.PAPER
     ]
     return Line(f"{method_name(key.method)} (paper)", tuple(entries), quoted=True)
+
+
+def _difference_line(key: CellKey, ours: Line, theirs: Mapping[str, float]) -> Line:
+    """Ours minus the paper's, of means and at full precision, signed."""
+    entries = []
+    for column, entry in zip(columns.PAPER, ours.entries, strict=True):
+        if entry.value is None or column.key not in theirs:
+            entries.append(HOLE)
+            continue
+        difference = entry.value - theirs[column.key]
+        sign = "−" if difference < 0 else "+"
+        entries.append(Entry(sign + columns.text(column.kind, abs(difference)), value=difference))
+    return Line(f"{method_name(key.method)} − paper", tuple(entries), quoted=True)
+
+
+def _paper_notes(values: paper.PaperValues) -> list[str]:
+    """Say where the quoted values were read, and how their protocol differs from ours."""
+    source = values.source
+    where = ", ".join(str(source[part]) for part in ("title", "year", "url") if source.get(part))
+    read = f"Lines marked (paper) quote {where or 'the paper'}; read from {source['read_from']}."
+    return [read, *(f"Lines marked (paper): {text}" for text in values.differences)]
 
 
 def mask_table(rows: Sequence[Row]) -> Table | None:

@@ -155,6 +155,40 @@ def test_the_papers_values_stand_beside_ours_only_where_somebody_read_them(
     assert line.entries[1].text == "99.00"
     assert not line.entries[1].best
     assert "Lines marked (paper): Others." in table.notes
+    ours = line_of(table, "No BG", "Ours").entries[1].value
+    difference = line_of(table, "No BG", "Ours − paper").entries
+    assert difference[1].value == pytest.approx(ours - 99.0)
+    assert difference[1].text.startswith("−")
+    assert difference[0] == tables.HOLE, "the file says nothing of SSIM"
+    assert any("v1, page 5" in note for note in table.notes)
+    assert "*Ours − paper*" in formats.markdown(table)
+
+
+@pytest.mark.parametrize(
+    ("line", "wrong"),
+    [
+        ("psnr='much'", "`psnr`: expected a finite number"),
+        ("psnr=nan", "`psnr`: expected a finite number"),
+        ("PSNR=20.0", r"found unknown \['PSNR'\]"),
+    ],
+)
+def test_a_value_that_is_none_is_refused_by_name(line: str, wrong: str, tmp_path: Path) -> None:
+    path = tmp_path / "values.toml"
+    cell = 'capture="rover"\nbackground="nobg"\nmethod="ours"\n'
+    path.write_text(f"[source]\nread_from='p'\n[[value]]\n{cell}{line}\n")
+    with pytest.raises(InputError, match=f"rover nobg ours.*{wrong}"):
+        paper.load(path)
+
+
+def test_any_method_and_the_small_parts_have_their_places(make_grid: Callable[..., Any]) -> None:
+    rows = make_grid(captures=("rover",), methods=("3dgs", "mine", "ours", "ours+"))
+    for row in rows:
+        row["metrics"] |= {"detail_psnr": 20.0, "detail_ssim": 0.7}
+    (table,) = tables.capture_tables(rows)
+    assert [line.label for line in table.groups[0].lines] == ["3DGS", "Ours", "Ours+", "mine"]
+    inside = tables.mask_table(rows)
+    assert inside is not None
+    assert {"detail_psnr", "detail_ssim"} <= set(inside.keys)
 
 
 def test_values_without_a_source_are_refused(tmp_path: Path) -> None:

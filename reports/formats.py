@@ -210,14 +210,14 @@ def latex_escape(text: str) -> str:
 
 
 def latex(table: Table) -> str:
-    """Write a ``table`` environment in booktabs' manner; that package is all it needs."""
+    """Write a ``table`` environment in booktabs' manner, made smaller where the line is shorter."""
     out = [
-        r"% needs \usepackage{booktabs}",
+        r"% needs \usepackage{booktabs,graphicx}",
         r"\begin{table}[t]",
         r"\centering\small",
         rf"\caption{{{latex_escape(table.title)}}}",
         rf"\label{{tab:{table.slug}}}",
-        rf"\begin{{tabular}}{{ll{'r' * len(table.headings)}}}",
+        rf"\sbox0{{\begin{{tabular}}{{ll{'r' * len(table.headings)}}}",
         r"\toprule",
         " & ".join(latex_escape(h) for h in ("", table.first, *table.headings)) + r" \\",
     ]
@@ -232,7 +232,8 @@ def latex(table: Table) -> str:
             out.append(" & ".join([first, label, *best]) + r" \\")
             runs = ", ".join(line.runs)
             out.append(f"% runs: {runs}" if runs else "% no run")
-    out += [r"\bottomrule", r"\end{tabular}"]
+    out += [r"\bottomrule", r"\end{tabular}}%"]
+    out.append(r"\ifdim\wd0>\linewidth\resizebox{\linewidth}{!}{\usebox0}\else\usebox0\fi")
     if table.notes:
         joined = r" \\ ".join(latex_escape(note) for note in table.notes)
         out += [rf"\\[2pt]\parbox{{\linewidth}}{{\footnotesize {joined}}}"]

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from reports import formats, side_tables
+from reports import formats, paper, side_tables
 from reports.formats import Entry, Group, Line, Table
 
 Row = dict[str, Any]
@@ -70,13 +70,24 @@ def test_every_sign_of_the_real_tables_is_known_to_latex(
 
 
 @pytest.mark.skipif(shutil.which("pdflatex") is None, reason="no pdflatex on this machine")
-def test_latex_compiles(make_grid: Callable[..., list[Row]], tmp_path: Path) -> None:
-    body = "\n".join(formats.latex(t) for t in side_tables.all_tables(make_grid(seeds=2)))
-    head = r"\documentclass[a3paper,landscape]{article}\usepackage{booktabs}"
+def test_latex_compiles_and_fits_the_line(
+    make_grid: Callable[..., list[Row]], make_failed: Callable[..., Row], tmp_path: Path
+) -> None:
+    rows = make_grid(captures=("rover", "my_gripper & co"), methods=("3dgs", "ours+"), seeds=2)
+    for row in rows:
+        row["metrics"] |= {"detail_psnr": 20.0, "detail_ssim": 0.7, "train_paper_l1": 0.01}
+    rows[-1] = make_failed("rover", "nobg", "ours", r"C:\x_y #2 — {see} ~/log^2: 5 % ≥ $3")
+    values = tmp_path / "values.toml"
+    cell = 'capture="rover"\nbackground="nobg"\nmethod="ours+"\n'
+    values.write_text(f"[source]\nread_from='p. 5'\n[[value]]\n{cell}psnr=30.0\ntime=800\n")
+    found = side_tables.all_tables(rows, paper.load(values))
+    body = "\n".join(formats.latex(table) for table in found)
+    head = r"\documentclass{article}\usepackage{booktabs,graphicx}"
     (tmp_path / "t.tex").write_text(head + r"\begin{document}" + body + r"\end{document}")
     command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "t.tex"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout[-2000:]
+    assert "Overfull" not in done.stdout
 
 
 def test_plain_marks_the_best_and_keeps_columns_aligned(table: Table) -> None:

@@ -8,8 +8,9 @@ import csv
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import cycle, islice
+from itertools import cycle, islice, pairwise
 from pathlib import Path
+from typing import TypeVar
 
 import matplotlib as mpl
 import numpy as np
@@ -50,8 +51,13 @@ STYLE = {
 PNG_DPI = 160
 FIXED, OWN = "fixed_psnr", "psnr"  # PSNR of one and the same view; of each step's own
 NOISY = ("psnr", "loss")  # of one training view each, so that they jump from step to step
+SHEET = 4  # captures that one figure shows side by side; more go onto further sheets
 SMOOTH_SHARE = 10  # the running mean's window is the curve's length divided by this
 LEGEND_WIDTH, LEGEND_HEIGHT = 1.3, 0.18  # inches that one entry takes
+
+
+Item = TypeVar("Item")
+Curves = dict[str, list[tuple[Cell, dict[str, list[float]]]]]  # by capture
 
 
 @dataclass(frozen=True)
@@ -99,18 +105,42 @@ def _mean(cell: Cell, metric: str) -> float | None:
     return sum(values) / len(values) if values else None
 
 
-def trade_off(rows: Sequence[Row], folder: Path) -> Saved | None:
+def sheets(items: Sequence[Item]) -> list[tuple[str, str, Sequence[Item]]]:
+    """Split what a figure shows into even sheets.
+
+    Returns for each the ending of its slug, that of its caption, and its items.
+    """
+    count = -(-len(items) // SHEET)
+    bounds = [round(len(items) * part / count) for part in range(count + 1)] if count else [0]
+    return [
+        (f"-{number}" if number > 1 else "", f" Sheet {number} of {count}." * (count > 1), part)
+        for number, part in enumerate((items[a:b] for a, b in pairwise(bounds)), start=1)
+    ]
+
+
+def trade_offs(rows: Sequence[Row], folder: Path) -> list[Saved]:
     """Quality inside the mask against size (upper row) and time (lower row), one column each."""
     mine = [cell for cell in cells(rows) if cell.finished]
     names = captures(row for cell in mine for row in cell.finished)
-    if not names:
-        return None
+    tones = colours(rows)
+    return [
+        _trade_off(mine, part, tones, folder, slug, sheet) for slug, sheet, part in sheets(names)
+    ]
+
+
+def _trade_off(
+    mine: Sequence[Cell],
+    names: Sequence[str],
+    tones: dict[str, str],
+    folder: Path,
+    slug: str,
+    sheet: str,
+) -> Saved:
     in_mask = any(_mean(cell, "mask_psnr") is not None for cell in mine)
     metric = "mask_psnr" if in_mask else "psnr"
     label = "PSNR in mask (dB)" if in_mask else "PSNR (dB)"
     figure = Figure(figsize=(max(2.5 * len(names), 3.2) + 0.5, 4.8))
     grid = figure.subplots(2, len(names), squeeze=False)
-    tones = colours(rows)
     for place, name in enumerate(names):
         members = [cell for cell in mine if cell.key.capture == name]
         for axes, cost, text in (
@@ -125,9 +155,9 @@ def trade_off(rows: Sequence[Row], folder: Path) -> Saved | None:
     _legend(figure, _handles(mine, tones))
     caption = (
         f"{label} on held-out views against file size and training time: up and to the left is "
-        "better. Lines join the methods on one background."
+        f"better. Lines join the methods on one background.{sheet}"
     )
-    return save(figure, folder, "figure-trade-off", caption)
+    return save(figure, folder, f"figure-trade-off{slug}", caption)
 
 
 def _scatter(
@@ -179,21 +209,26 @@ def _legend(figure: Figure, handles: Sequence[Line2D]) -> None:
     figure.legend(handles, labels, loc="lower center", ncols=across, borderaxespad=0.2)
 
 
-def training_curves(rows: Sequence[Row], root: Path | None, folder: Path) -> Saved | None:
+def training_curves(rows: Sequence[Row], root: Path | None, folder: Path) -> list[Saved]:
     """PSNR, loss and number of splats over training, per capture; the lowest seed of each cell."""
-    found: dict[str, list[tuple[Cell, dict[str, list[float]]]]] = {}
+    found: Curves = {}
     for cell in cells(rows):
         train = artifact(cell.finished[0], "train", root) if cell.finished else None
         if train is not None and (train / "curve.csv").is_file():
             found.setdefault(cell.key.capture, []).append((cell, read_curve(train / "curve.csv")))
-    if not found:
-        return None
+    tones = colours(rows)
+    return [
+        _curves({name: found[name] for name in part}, tones, folder, slug, sheet)
+        for slug, sheet, part in sheets(list(found))
+    ]
+
+
+def _curves(found: Curves, tones: dict[str, str], folder: Path, slug: str, sheet: str) -> Saved:
     fixed = all(FIXED in curve for curves in found.values() for _, curve in curves)
     quality = (FIXED, "PSNR, one view (dB)") if fixed else (OWN, "PSNR, training view (dB)")
     shown = (quality, ("loss", "Loss"), ("splats", "Splats"))
     figure = Figure(figsize=(max(2.5 * len(found), 3.2) + 0.5, 6.2))
     grid = figure.subplots(len(shown), len(found), squeeze=False, sharex="col")
-    tones = colours(rows)
     for place, (capture, curves) in enumerate(found.items()):
         grid[0][place].set_title(capture_name(capture))
         for level, (key, label) in enumerate(shown):
@@ -225,9 +260,9 @@ def training_curves(rows: Sequence[Row], root: Path | None, folder: Path) -> Sav
     caption = (
         f"Training curves; {what} each step's own view, thin as recorded, thick as a running "
         "mean. The loss of Ours is on its own weighted scale and does not compare "
-        "with that of 3DGS; PSNR does, on one background."
+        f"with that of 3DGS; PSNR does, on one background.{sheet}"
     )
-    return save(figure, folder, "figure-curves", caption)
+    return save(figure, folder, f"figure-curves{slug}", caption)
 
 
 def smooth(values: Sequence[float]) -> NDArray[np.float64]:

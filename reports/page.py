@@ -27,8 +27,13 @@ PICTURE_QUALITY = 82  # of JPEG; renders are judged by their scores, not by this
 FIGURE_QUALITY = 88
 PICTURE_WIDTH = 640  # pixels that a slider's picture has at most
 FIGURE_WIDTH = 1600
+OPEN_VERDICTS = 4  # captures whose numbers stand open under their verdicts
 RUNS = "table-runs"  # long, and folded away
-SLIDER_BUDGET = 16  # views per capture in the slider; the first ones by rule of even spacing
+SLIDER_BUDGET = 16  # views per capture in the slider, evenly spaced
+# What all sliders and all 3D views of a page share, so that a large benchmark's page still opens
+# on a phone: about 12 MB each.
+PICTURES, FEWEST_VIEWS = 600, 2
+SPLATS = 600_000
 
 
 def render(
@@ -51,13 +56,18 @@ def render(
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
     )
-    captures = [_capture(found, root) for found in galleries]
+    lanes = sum(len(found.conditions) + 2 for found in galleries)
+    views = min(SLIDER_BUDGET, max(FEWEST_VIEWS, PICTURES // max(1, lanes)))
+    models = sum(len(found.rows) for found in galleries)
+    most = min(splat_view.MOST, SPLATS // max(1, models))
+    captures = [_capture(found, root, views, most) for found in galleries]
     captures = [capture for capture in captures if capture["views"] or capture["models"]]
     return environment.get_template("report.html.j2").render(
         title=title,
         summary=summary,
         facts=facts,
         verdicts=verdicts,
+        folded=sum(bool(verdict.capture) for verdict in verdicts) > OPEN_VERDICTS,
         tables=[formats.html(table) for table in tables if table.slug != RUNS],
         runs=[formats.html(table) for table in tables if table.slug == RUNS],
         figures=[_figure(figure) for figure in figures],
@@ -102,9 +112,11 @@ def _jpeg(picture: Image.Image, quality: int) -> str:
     return "data:image/jpeg;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
 
 
-def _capture(found: Gallery, root: Path | None) -> dict[str, Any]:
+def _capture(
+    found: Gallery, root: Path | None, most_views: int, most_splats: int
+) -> dict[str, Any]:
     """Collect what the slider and the 3D view of one capture need."""
-    views = _evenly(found.views, SLIDER_BUDGET)
+    views = _evenly(found.views, most_views)
     lanes: dict[str, str] = {}
     for condition in found.conditions:
         background = found.rows[condition]["background"]
@@ -135,7 +147,7 @@ def _capture(found: Gallery, root: Path | None) -> dict[str, Any]:
         "pictures": pictures,
         "scores": _scores(found, views),
         "size": size,
-        "models": _models(found, root),
+        "models": _models(found, root, most_splats),
     }
 
 
@@ -171,7 +183,7 @@ def _scores(found: Gallery, views: Sequence[str]) -> dict[str, dict[str, str]]:
     return out
 
 
-def _models(found: Gallery, root: Path | None) -> list[dict[str, Any]]:
+def _models(found: Gallery, root: Path | None, most: int) -> list[dict[str, Any]]:
     models = []
     for condition, row in found.rows.items():
         train, scene = artifact(row, "train", root), artifact(row, "scene", root)
@@ -182,7 +194,7 @@ def _models(found: Gallery, root: Path | None) -> list[dict[str, Any]]:
             found.missing.append(f"{found.capture}/{condition}: no cameras for the 3D view")
             continue
         name = condition_name(row["background"], row["method"])
-        packed = splat_view.pack(train / "splats.ply")
+        packed = splat_view.pack(train / "splats.ply", most)
         models.append({"id": condition, "name": name, **packed, **splat_view.orbit(scene)})
     return models
 

@@ -42,7 +42,7 @@ REQUIRED_METRICS = ("ssim", "psnr", "l1", "loss", "fps", "time", "size_mb")
 BACKGROUNDS = ("original", "nobg")
 METHOD_ORDER = ("3dgs", "ours", "ours+")
 
-METHOD_NAMES = {"3dgs": "3DGS", "ours": "Ours", "ours+": "Ours+", "ours-plus": "Ours+"}
+METHOD_NAMES = {"3dgs": "3DGS", "ours": "Ours", "ours+": "Ours+"}
 BACKGROUND_NAMES = {"original": "Original", "nobg": "No BG"}
 CAPTURE_NAMES = {"rover": "Rover", "hexapod": "Hexapod", "lattepanda": "LattePanda"}
 

@@ -1,4 +1,4 @@
-"""What a reader should take home: one sentence per capture, and its evidence.
+"""What a reader should take home: one sentence for all, one per capture, and the evidence.
 
 A method is compared with plain 3DGS on the same background, inside the object's mask, paired by
 view and seed; a gain is called one only when the 95 % interval excludes zero. Size and time are
@@ -7,6 +7,7 @@ ratios of means; differences below 1 % are called none.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from statistics import fmean, geometric_mean
 
 from reports import columns, statistics
 from reports.pairs import ratio, view_scores
@@ -24,8 +25,10 @@ from reports.statistics import Interval
 
 BASE = "3dgs"
 NEGLIGIBLE = 0.01  # ratios closer to one than this are called equal
+IN_HEADLINE = 2  # methods; the others stand among the details
 PREFERRED = ("nobg", "original")  # the headline is about the paper's proposal where it was run
 WHERE = {"nobg": "without its background", "original": "with its background"}
+OVER_ALL = {"nobg": "Without backgrounds", "original": "With backgrounds"}
 
 
 @dataclass(frozen=True)
@@ -39,7 +42,10 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Comparison:
-    """A method against 3DGS on one background; ``size`` and ``time`` are ratios."""
+    """A method against 3DGS on one background; ``size`` and ``time`` are ratios.
+
+    ``details`` is the difference in PSNR on small parts, None where nobody marked them.
+    """
 
     background: str
     method: str
@@ -47,6 +53,63 @@ class Comparison:
     quality: Interval | None
     size: float | None
     time: float | None
+    details: Interval | None = None
+
+
+def overall(rows: Sequence[Row]) -> Verdict | None:
+    """Return the verdict over all captures; None where fewer than two compare."""
+    rows = refused(rows)
+    mine = cells(rows)
+    found: dict[tuple[str, str], list[Comparison]] = {}
+    for name in captures(rows):
+        members = [cell for cell in mine if cell.key.capture == name]
+        for background in PREFERRED:
+            for one in compare(members, background):
+                found.setdefault((background, one.method), []).append(one)
+    told = [
+        _over_all(background, method, found[background, method])
+        for background in PREFERRED
+        for place, method in found
+        if place == background and len(found[background, method]) > 1
+    ]
+    if not told:
+        return None
+    return Verdict("", told[0], tuple(told[1:]))
+
+
+def _over_all(background: str, method: str, found: Sequence[Comparison]) -> str:
+    """Count captures by what a method does there, with the means of its differences."""
+    sure = [c.quality for c in found if c.quality is not None and c.quality.excludes_zero()]
+    gains = sum(quality.mean > 0 for quality in sure)
+    counts = _counts(gains, len(sure) - gains, len(found) - len(sure))
+    means = [c.quality.mean for c in found if c.quality is not None]
+    where = "inside the mask" if found[0].metric == "mask_psnr" else "over the full frame"
+    parts = [f"{signed(fmean(means))} dB {where}"] if means else []
+    for name, ratios in (("size", [c.size for c in found]), ("time", [c.time for c in found])):
+        known = [ratio for ratio in ratios if ratio]
+        parts += [f"{name} × {geometric_mean(known):.2f}"] if known else []
+    text = f"{OVER_ALL[background]}, {method_name(method)} {_and(counts)}"
+    return f"{text}; on average {', '.join(parts)}." if parts else f"{text}."
+
+
+def _counts(gains: int, losses: int, doubtful: int) -> list[str]:
+    """Say on how many captures something happened; the first part names what is compared with."""
+    kinds = (
+        (gains, "gains", " over "),
+        (losses, "loses", " against "),
+        (doubtful, "does not measurably differ", " from "),
+    )
+    told = [kind for kind in kinds if kind[0]]
+    count, verb, preposition = told[0]
+    number = "all" if len(told) == 1 else f"{count} of"
+    first = (
+        f"{verb}{preposition}{method_name(BASE)} on {number} {gains + losses + doubtful} captures"
+    )
+    return [first, *(f"{verb} on {count}" for count, verb, _ in told[1:])]
+
+
+def _and(parts: Sequence[str]) -> str:
+    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
 
 
 def verdicts(rows: Sequence[Row]) -> list[Verdict]:
@@ -71,12 +134,13 @@ def _of_capture(name: str, mine: Sequence[Cell]) -> Verdict:
     if not found:
         what = "no condition finished" if len(failed) == len(mine) else "nothing to compare"
         return Verdict(name, f"{label}: {what}.", tuple(details))
-    first = found[0]
-    sentence = (
-        f"{label}: {WHERE[first.background]}, {method_name(first.method)} "
-        f"{_quality_words(first)} {method_name(BASE)}{_cost_words(first)}."
+    background = found[0].background
+    told = [one for one in found if one.background == background][:IN_HEADLINE]
+    words = "; ".join(
+        f"{method_name(one.method)} {_quality_words(one)} {method_name(BASE)}{_cost_words(one)}"
+        for one in told
     )
-    return Verdict(name, sentence, tuple(details))
+    return Verdict(name, f"{label}: {WHERE[background]}, {words}.", tuple(details))
 
 
 def compare(mine: Sequence[Cell], background: str) -> list[Comparison]:
@@ -93,7 +157,10 @@ def compare(mine: Sequence[Cell], background: str) -> list[Comparison]:
         metric = "mask_psnr" if masked else "psnr"
         interval = statistics.paired(view_scores(cell, metric), view_scores(base, metric))
         size, time = ratio(cell, base, "size_mb"), ratio(cell, base, "time")
-        out.append(Comparison(background, cell.key.method, metric, interval, size, time))
+        small = statistics.paired(
+            view_scores(cell, "detail_psnr"), view_scores(base, "detail_psnr")
+        )
+        out.append(Comparison(background, cell.key.method, metric, interval, size, time, small))
     return out
 
 
@@ -140,7 +207,8 @@ def _detail(found: Comparison) -> str:
             f"{signed(quality.high)}, {quality.samples} paired views)"
         )
     ratios = ((found.size, "size"), (found.time, "time"))
-    parts = [f"{name} × {ratio:.2f}" for ratio, name in ratios if ratio is not None]
+    small = [] if found.details is None else [f"small parts {signed(found.details.mean)} dB"]
+    parts = small + [f"{name} × {ratio:.2f}" for ratio, name in ratios if ratio is not None]
     return f"{head}: {'; '.join([text, *parts])}."
 
 

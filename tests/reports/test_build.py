@@ -94,6 +94,38 @@ def test_a_gain_is_called_one_only_beyond_doubt(make_row: Callable[..., Row]) ->
     assert "a 25 % smaller file and 10 % more training time" in loss
 
 
+def test_the_first_sentence_counts_captures(make_row: Callable[..., Row]) -> None:
+    better, worse = (pair(make_row, [shift] * 6, size_mb=2.0) for shift in (0.5, -0.3))
+    doubtful = pair(make_row, [1.5, -0.5, 1.6, -0.5, 0.4, 0.6], size_mb=2.0)
+    rows = [
+        row | {"capture": name}
+        for name, rows in (("a", better), ("b", worse), ("c", doubtful))
+        for row in rows
+    ]
+    found = verdict.overall(rows)
+    assert found is not None
+    assert found.headline == (
+        "Without backgrounds, Ours gains over 3DGS on 1 of 3 captures, loses on 1 and does not "
+        "measurably differ on 1; on average +0.24 dB inside the mask, size × 0.50, time × 1.00."
+    )
+    assert verdict.overall(better) is None, "one capture speaks for itself"
+
+
+def test_every_method_is_in_the_headline_and_small_parts_are_told(
+    make_row: Callable[..., Row],
+) -> None:
+    rows = pair(make_row, [0.5] * 6)
+    more = make_row("rover", "nobg", "ours+")
+    for row, gain in ((rows[0], 0.0), (rows[1], 0.5), (more, 1.0)):
+        for view, base in zip(row["per_view"], rows[0]["per_view"], strict=True):
+            view["detail_psnr"] = base["mask_psnr"] - 1 + gain
+            view["mask_psnr"] = base["mask_psnr"] + gain
+    (found,) = verdict.verdicts([*rows, more])
+    assert "Ours gains 0.50 dB" in found.headline
+    assert "; Ours+ gains 1.00 dB inside the mask over 3DGS" in found.headline
+    assert any("Ours+ − 3DGS" in text and "small parts +1.00 dB" in text for text in found.details)
+
+
 def test_without_3dgs_there_is_nothing_to_compare(make_row: Callable[..., Row]) -> None:
     (found,) = verdict.verdicts([make_row("rover", "nobg", "ours")])
     assert found.headline == "Rover: nothing to compare."

@@ -5,9 +5,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from mattgs_ops.errors import InputError
-from reports import figures, pictures, splat_view
+from reports import figures, photo_figures, pictures, splat_view
 from reports.rows import cells
 
 Row = dict[str, Any]
@@ -119,3 +120,33 @@ def test_a_model_without_visible_splats_is_an_error(pictured: Pictured, tmp_path
     (tmp_path / "dark.ply").write_bytes(bytes(data[:start]) + table.tobytes())
     with pytest.raises(InputError, match="visible splat"):
         splat_view.pack(tmp_path / "dark.ply")
+
+
+@pytest.mark.parametrize(
+    ("count", "sizes"), [(0, []), (1, [1]), (4, [4]), (5, [2, 3]), (12, [4] * 3)]
+)
+def test_many_captures_go_onto_even_sheets(count: int, sizes: list[int]) -> None:
+    found = figures.sheets(list(range(count)))
+    assert [len(part) for _, _, part in found] == sizes
+    assert [one for _, _, part in found for one in part] == list(range(count))
+    assert [slug for slug, _, _ in found] == ["", "-2", "-3"][: len(sizes)]
+    assert all(("Sheet" in text) == (len(sizes) > 1) for _, text, _ in found)
+
+
+def test_more_pictures_than_fit_side_by_side_stand_by_background(
+    pictured: Pictured, tmp_path: Path
+) -> None:
+    rows, root = pictured
+    twins = [row | {"method": f"m{n}", "condition": f"{row['background']}-m{n}"}
+             for n in range(2) for row in rows if row["method"] == "ours"]  # fmt: skip
+    few = pictures.gallery("rover", cells(rows), root)
+    many = pictures.gallery("rover", cells([*rows, *twins]), root)
+    shapes = []
+    for name, found in (("few", few), ("many", many)):
+        saved = photo_figures.comparison(found, tmp_path / name)
+        assert saved is not None
+        with Image.open(saved.png) as image:
+            shapes.append(image.size)
+    (wide, low), (narrow, high) = shapes
+    assert narrow < wide, "five lanes twice, instead of ten side by side"
+    assert high > 1.9 * low

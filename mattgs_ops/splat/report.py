@@ -33,7 +33,7 @@ FILE = "training.json"
 # records of a projected splat.
 SPLAT_COPIES = 8
 ENGINE_BYTES_PER_SPLAT = 256
-VIEW_BYTES_PER_PIXEL = 4 + 3 + 4  # image and mask, photo, attention
+VIEW_BYTES_PER_PIXEL = 4 + 3 + 4 + 4  # image and mask, photo, attention, weights of the loss
 STEP_BYTES_PER_PIXEL = 256  # rendering, target, gradient, SSIM's planes
 MIB = 1024.0 * 1024.0
 

@@ -15,7 +15,13 @@ from tasks.stage import KEY_LETTERS, Artifact, Place, slug
 
 # Stage → what of its folder a run keeps → the folder in the run ("": the top)
 KEPT = {
-    "train": {"splats.ply": "", "training.json": "", CURVE_FILE: "", "start.npz": ""},
+    "train": {
+        "splats.ply": "",
+        "training.json": "",
+        CURVE_FILE: "",
+        "start.npz": "",
+        "pruned.npz": "",
+    },
     "evaluate": {
         "evaluation.json": "",
         "views.json": "",

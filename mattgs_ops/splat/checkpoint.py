@@ -25,7 +25,7 @@ from mattgs_ops.splat.densify import Record
 from mattgs_ops.splat.gaussians import Splats
 from mattgs_ops.splat.optimise import FIELDS, Adam
 
-SCHEMA = 1
+SCHEMA = 2
 FILE = "checkpoint.npz"
 # Streams of their own, so that what one part draws never shifts another's: two methods with one
 # seed see the views in the same order however many splats they split.
@@ -45,6 +45,8 @@ class TrainingState:
     counters: dict[str, int] = field(default_factory=dict)
     wall_seconds: float = 0.0
     cpu_seconds: float = 0.0
+    # what the method removed: positions and the step, [K, 4]
+    pruned: Tensor = field(default_factory=lambda: torch.zeros(0, 4))
 
     @classmethod
     def start(cls, splats: Splats, seed: int) -> "TrainingState":
@@ -67,6 +69,7 @@ def save(state: TrainingState, folder: Path, key: str) -> None:
     arrays: dict[str, NDArray[Any]] = {"order": np.array(state.order, dtype=np.int64)}
     for name, tensor in _tensors(state).items():
         arrays[name] = tensor.numpy()
+    arrays["pruned"] = state.pruned.numpy()
     meta = {
         "schema": SCHEMA,
         "digest": key,
@@ -111,6 +114,7 @@ def load(folder: Path, key: str) -> TrainingState | None:
         counters=meta["counters"],
         wall_seconds=meta["wall_seconds"],
         cpu_seconds=meta["cpu_seconds"],
+        pruned=torch.from_numpy(arrays["pruned"]),
     )
     state.adam.steps = meta["adam_steps"]
     for name, tensor in _tensors(state).items():

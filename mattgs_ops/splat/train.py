@@ -1,7 +1,8 @@
 """Train splats for one experiment: a scene in, a folder with the splats out.
 
 The folder holds ``splats.ply``, ``training.json`` (:mod:`report`), ``curve.csv`` (:mod:`curve`),
-``start.npz`` where the method chose among the starting points and, while it runs,
+``start.npz`` where the method chose among the starting points, ``pruned.npz`` where it removed
+splats later and, while it runs,
 ``checkpoint.npz``; a killed run goes on from there by itself, and one that was killed after its end
 is found finished. Training reads the registered training views and the sparse points, nothing of
 the test views.
@@ -47,6 +48,7 @@ from mattgs_ops.splat.trainer import StepResult, Trainer, background_colour
 
 PLY = "splats.ply"
 START = "start.npz"  # starting points [P, 3] and which were kept [P], where attention chose
+PRUNED = "pruned.npz"  # splats that the method removed: centres [K, 3], step of each [K]
 FEWEST_VIEWS = 2
 CALIBRATIONS = 2  # workloads before and after; the fastest counts
 
@@ -125,6 +127,9 @@ def train(
             digest=key,
         )
         write_ply(state.splats, out / PLY)
+        if len(state.pruned):
+            gone = state.pruned.numpy()
+            np.savez(out / PRUNED, xyz=gone[:, :3], step=gone[:, 3].astype(np.int32))
     report.save(out)
     (out / checkpoint.FILE).unlink(missing_ok=True)
     return report

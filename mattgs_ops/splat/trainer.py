@@ -251,6 +251,9 @@ class Trainer:
 
     def _remove(self, state: TrainingState, removed: Tensor, reason: str) -> None:
         _count(state, reason, int(removed.sum()))
+        gone = state.splats.means[removed]
+        step = torch.full((len(gone), 1), float(state.step + 1))
+        state.pruned = torch.cat([state.pruned, torch.cat([gone, step], dim=1)])
         state.splats = prune(state.splats, state.adam, removed)
         state.record = state.record.keep(torch.nonzero(~removed)[:, 0])
 

@@ -47,6 +47,15 @@ def splats_of(folder: Path) -> bytes:
     return (folder / "splats.ply").read_bytes()
 
 
+def pruned_of(folder: Path) -> list[tuple[float, ...]]:
+    """Return step and centre of every splat that the method removed."""
+    if not (folder / "pruned.npz").is_file():
+        return []
+    with np.load(folder / "pruned.npz") as told:
+        rows = zip(told["step"].tolist(), told["xyz"].tolist(), strict=True)
+        return [(step, *xyz) for step, xyz in rows]
+
+
 def held_out_psnr(scene: Scene, condition: str, folder: Path, *, inside: bool = False) -> float:
     """PSNR of the held-out views, or of the object's pixels alone."""
     splats = read_ply(folder / "splats.ply")
@@ -128,6 +137,8 @@ def test_a_killed_run_resumes_to_the_same_bits(run: Train, tmp_path: Path, condi
     assert splats_of(tmp_path / "killed") == splats_of(tmp_path / "whole")
     assert resumed.loss_terms == whole.loss_terms
     assert resumed.counters == whole.counters
+    assert pruned_of(tmp_path / "killed") == pruned_of(tmp_path / "whole")
+    assert len(pruned_of(tmp_path / "whole")) == whole.counters.get("removed_unattended", 0)
     assert whole.counters["added"] > 0, "the run must have densified for this to mean anything"
     assert not (tmp_path / "killed" / "checkpoint.npz").exists()
     with (tmp_path / "killed" / "curve.csv").open() as file:

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 from typer.testing import CliRunner
 
 from flows import view
@@ -132,6 +133,8 @@ def run_id(server: str, tmp_path_factory: pytest.TempPathFactory) -> str:
     views = tuple(
         View(f"{i}.jpg", "train", 32, 24, scene / f"{i}.jpg", None, camera(i)) for i in range(3)
     )
+    for shot in views:
+        Image.new("RGB", (32, 24), (200, 80, 60)).save(shot.photo)
     none = np.zeros((0, 3))
     points = SparsePoints(none, none.astype(np.uint8), np.zeros(0, np.float32), np.zeros(0, int))
     Scene("ball", scene, views, {}).save(points)
@@ -187,7 +190,7 @@ def test_splats_are_exported_shown_and_promoted_from_the_server(
     file = tmp_path / "it.ply"
     mattgs("export", run_id[:8], "--file", file, "--out", tmp_path)
     assert len(read_ply(file)) == COUNT
-    shown, told = view.start("ball nobg-ours seed 0", tmp_path, 0, tmp_path / "view")
+    shown, told = view.start(run_id, tmp_path, 0, tmp_path / "view")
     shown.stop()
     assert "splats and 3 cameras" in told
     address = mattgs("promote", run_id, "--out", tmp_path).strip().rpartition(": ")[2]

@@ -6,7 +6,7 @@ and backgrounds, its interval over those pairs alone. With methods that switch o
 one out, this is the table of an ablation.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from statistics import geometric_mean
 
 import numpy as np
@@ -59,9 +59,11 @@ def _against(base: str, mine: Sequence[Cell]) -> Table | None:
     for capture, background in places:
         here = [c for c in mine if (c.key.capture, c.key.background) == (capture, background)]
         reference = next((c for c in here if c.key.method == base), None)
+        if reference is None:
+            continue
         lines = []
-        for cell in here if reference is not None else ():
-            if reference is None or cell is reference:
+        for cell in here:
+            if cell is reference:
                 continue
             numbers = _numbers(cell, reference)
             by_method.setdefault(cell.key.method, []).append(numbers)
@@ -97,17 +99,16 @@ def _numbers(cell: Cell, base: Cell) -> Numbers:
 
 def _mean(found: Sequence[Numbers]) -> Numbers:
     """Return the mean over pairs: of differences with an interval, of ratios geometrically."""
-
-    def gathered(metric: str, number: Callable[[Interval | float], float]) -> list[float]:
-        return [number(value) for one in found if (value := one[metric]) is not None]
-
     means: dict[str, Interval | float | None] = {}
-    for metric in QUALITY:
-        values = gathered(metric, lambda v: v.mean if isinstance(v, Interval) else v)
-        means[metric] = statistics.sample(np.array(values)) if values else None
-    for metric in COST:
-        values = gathered(metric, lambda v: v.mean if isinstance(v, Interval) else v)
-        means[metric] = geometric_mean(values) if values else None
+    for metric in (*QUALITY, *COST):
+        known = [value for one in found if (value := one[metric]) is not None]
+        values = [value.mean if isinstance(value, Interval) else value for value in known]
+        if not values:
+            means[metric] = None
+        elif metric in QUALITY:
+            means[metric] = statistics.sample(np.array(values))
+        else:
+            means[metric] = geometric_mean(values)
     return means
 
 

@@ -1,7 +1,7 @@
 """From COLMAP's model to a scene's photos, masks and pinhole cameras without distortion."""
 
 import shutil
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from mattgs_ops.sfm.checks import mask_path, read_mask
 from mattgs_ops.sparse import ColmapCamera, SparseModel, object_points
 from mattgs_ops.undistort import Lens, Undistortion, undistortion
 
+Grey = NDArray[np.uint8]
 # A distortion that moves no pixel farther than this is not worth a resampling, which blurs.
 NEGLIGIBLE_SHIFT = 0.25
 GRID = 33  # points per side on which the largest shift is sought
@@ -86,8 +87,6 @@ def write_views(
     """
     (out / "photos").mkdir(parents=True, exist_ok=True)
     (out / "masks").mkdir(exist_ok=True)
-    if soft is not None:
-        (out / "soft").mkdir(exist_ok=True)
     planes = {number: plane_of(camera) for number, camera in model.cameras.items()}
     by_name = {image.name: image for image in model.images.values()}
     sizes = {(p.pinhole.width, p.pinhole.height): p for p in reversed(list(planes.values()))}
@@ -108,12 +107,14 @@ def write_views(
         else:
             _write(photo, plane.resample.photo(_read_photo(view)))
             _write(mask, plane.resample.mask(read_mask(masks, view)))
+        lens = None if plane is None else plane.resample
         if soft is not None:
-            resample = None if plane is None else plane.resample
-            _write_soft(soft / mask.name, resample, out / "soft" / mask.name)
+            _write_map(
+                soft / mask.name, None if lens is None else _soft(lens), out / "soft" / mask.name
+            )
         ids = None if view.ids is None else out / "ids" / f"{view.name}.png"
         if view.ids is not None and ids is not None:
-            _write_ids(view.ids, None if plane is None else plane.resample, ids)
+            _write_map(view.ids, None if lens is None else lens.ids, ids)
         views.append(replace(view, photo=photo, mask=mask, camera=camera, ids=ids))
         used[view.name] = plane
     return tuple(views), _pinholes(model, planes), used
@@ -156,25 +157,23 @@ def _pinholes(model: SparseModel, planes: dict[int, Plane]) -> SparseModel:
     return replace(model, cameras=cameras, images=images)
 
 
-def _write_soft(source: Path, resample: Undistortion | None, out: Path) -> None:
-    if resample is None:
-        shutil.copyfile(source, out)
-        return
-    grey = cv2.imread(str(source), cv2.IMREAD_COLOR)
-    if grey is None:
-        raise StageError(f"{source}: expected a readable saliency map")
-    _write(out, np.ascontiguousarray(resample.photo(np.asarray(grey, dtype=np.uint8))[..., 0]))
-
-
-def _write_ids(source: Path, resample: Undistortion | None, out: Path) -> None:
+def _write_map(source: Path, resample: Callable[[Grey], Grey] | None, out: Path) -> None:
+    """Write a map of one number a pixel as the pinhole sees it; the same file without a lens."""
     out.parent.mkdir(exist_ok=True)
     if resample is None:
         shutil.copyfile(source, out)
         return
-    ids = cv2.imread(str(source), cv2.IMREAD_GRAYSCALE)
-    if ids is None:
-        raise StageError(f"{source}: expected readable ids")
-    _write(out, resample.ids(np.asarray(ids, dtype=np.uint8)))
+    grey = cv2.imread(str(source), cv2.IMREAD_GRAYSCALE)
+    if grey is None:
+        raise StageError(f"{source}: expected a readable image")
+    _write(out, resample(np.asarray(grey, dtype=np.uint8)))
+
+
+def _soft(resample: Undistortion) -> Callable[[Grey], Grey]:
+    """Resample saliency as photos are."""
+    return lambda grey: np.ascontiguousarray(
+        resample.photo(np.repeat(grey[..., None], 3, axis=2))[..., 0]
+    )
 
 
 def _read_photo(view: View) -> NDArray[np.uint8]:

@@ -106,12 +106,7 @@ def loss_terms(trainer: Trainer, splats: Splats, colour: Colour) -> dict[str, fl
     for index, view in enumerate(trainer.views):
         image = render(splats, view.camera, colour, threads=trainer.threads).image
         target = trainer.target(view, colour)
-        plain = photometric_loss(image, target, ssim_lambda=share, threads=trainer.threads)
-        difference = (image - target).abs().mean(dim=2).numpy()
-        dissimilar = 1 - plain.ssim
-        paper = float((paper_attention(target.numpy()) * difference).mean(dtype=np.float64))
-        l1 = plain.plain_l1
-        optimised = photometric_loss(
+        found = photometric_loss(
             image,
             target,
             ssim_lambda=share,
@@ -119,14 +114,18 @@ def loss_terms(trainer: Trainer, splats: Splats, colour: Colour) -> dict[str, fl
             weight_ssim=trainer.method.weight_ssim,
             threads=trainer.threads,
         )
+        difference = (image - target).abs().mean(dim=2).numpy()
+        dissimilar = 1 - found.ssim
+        paper = float((paper_attention(target.numpy()) * difference).mean(dtype=np.float64))
+        l1 = found.plain_l1
         rows.append(
             {
                 "l1": l1,
-                "ssim": plain.ssim,
+                "ssim": found.ssim,
                 "loss": (1 - share) * l1 + share * dissimilar,
                 "paper_l1": paper,
                 "paper_loss": (1 - share) * paper + share * dissimilar,
-                "optimised_loss": optimised.loss,
+                "optimised_loss": found.loss,
             }
         )
     return {name: float(np.mean([row[name] for row in rows])) for name in rows[0]}

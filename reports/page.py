@@ -7,6 +7,7 @@ the page's own content security policy forbids any request.
 import base64
 import io
 import json
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -30,10 +31,13 @@ FIGURE_WIDTH = 1600
 OPEN_VERDICTS = 4  # captures whose numbers stand open under their verdicts
 RUNS = "table-runs"  # long, and folded away
 SLIDER_BUDGET = 16  # views per capture in the slider, evenly spaced
-# What all sliders and all 3D views of a page share, so that a large benchmark's page still opens
-# on a phone: about 12 MB each.
-PICTURES, FEWEST_VIEWS = 600, 2
-SPLATS = 600_000
+SCRIPTS = ("slider.js", "splats.js", "orbit.js", "report.js")
+# What all captures of a page share, so that a large benchmark's page still opens on a phone: 12 MB
+# each for sliders and 3D views, 20 MB for figures with photos, whatever the number of captures.
+PICTURES, FEWEST_VIEWS = 600, 2  # pictures in sliders, and the views that a capture keeps anyhow
+PIXELS = 44_000_000  # of all sliders' pictures: 0.27 bytes each as JPEG in base64, as measured
+SPLATS = 600_000  # 21 bytes each
+PHOTO_FIGURES = 20_000_000  # bytes in base64
 
 
 def render(
@@ -56,12 +60,18 @@ def render(
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
     )
-    lanes = sum(len(found.conditions) + 2 for found in galleries)
+    lanes = sum(len(found.conditions) + len(backgrounds(found)) for found in galleries)
     views = min(SLIDER_BUDGET, max(FEWEST_VIEWS, PICTURES // max(1, lanes)))
     models = sum(len(found.rows) for found in galleries)
     most = min(splat_view.MOST, SPLATS // max(1, models))
-    captures = [_capture(found, root, views, most) for found in galleries]
+    pictures = sum(
+        (len(found.conditions) + len(backgrounds(found))) * min(views, len(found.views))
+        for found in galleries
+    )
+    pixels = PIXELS // max(1, pictures)
+    captures = [_capture(found, root, views, pixels, most) for found in galleries]
     captures = [capture for capture in captures if capture["views"] or capture["models"]]
+    shown, share = _figures(figures)
     return environment.get_template("report.html.j2").render(
         title=title,
         summary=summary,
@@ -70,13 +80,14 @@ def render(
         folded=sum(bool(verdict.capture) for verdict in verdicts) > OPEN_VERDICTS,
         tables=[formats.html(table) for table in tables if table.slug != RUNS],
         runs=[formats.html(table) for table in tables if table.slug == RUNS],
-        figures=[_figure(figure) for figure in figures],
+        figures=shown,
+        shrunk="" if share == 1 else f"{share:.0%}",
         captures=captures,
         problems=problems,
         missing=[text for found in galleries for text in found.missing],
         data=_script_json({"captures": captures}),
         style=_text("report.css"),
-        script="\n".join(_text(name) for name in ("slider.js", "splats.js", "report.js")),
+        script="\n".join(_text(name) for name in SCRIPTS),
     )
 
 
@@ -89,12 +100,32 @@ def _script_json(data: Any) -> str:
     return json.dumps(data, separators=(",", ":"), sort_keys=True).replace("</", "<\\/")
 
 
-def _figure(figure: Saved) -> dict[str, Any]:
+def _figures(figures: Sequence[Saved]) -> tuple[list[dict[str, Any]], float]:
+    """Inline all figures; those with photos shrink alike until they keep to their budget.
+
+    Returns them and the share of their width that is left.
+    """
+    shown = [_figure(figure, FIGURE_WIDTH) for figure in figures]
+    taken = sum(len(one["uri"]) for one in shown if one["pictorial"])
+    if taken <= PHOTO_FIGURES:
+        return shown, 1.0
+    share = math.sqrt(PHOTO_FIGURES / taken)
+    width = round(FIGURE_WIDTH * share)
+    return [
+        _figure(figure, width) if figure.pictorial else one
+        for figure, one in zip(figures, shown, strict=True)
+    ], share
+
+
+def _figure(figure: Saved, widest: int) -> dict[str, Any]:
+    """Inline one figure; one that would fill less than ``FIGURE_WIDTH`` stays as much smaller."""
     with Image.open(figure.png) as image:
         picture = image.convert("RGB")
-        if picture.width > FIGURE_WIDTH:
-            height = round(picture.height * FIGURE_WIDTH / picture.width)
-            picture = picture.resize((FIGURE_WIDTH, height), Image.Resampling.LANCZOS)
+        share = min(1.0, picture.width / FIGURE_WIDTH)
+        across = round(share * widest)
+        if picture.width > across:
+            height = round(picture.height * across / picture.width)
+            picture = picture.resize((across, height), Image.Resampling.LANCZOS)
         size = {"width": str(picture.width), "height": str(picture.height)}
         if figure.pictorial:
             uri = _jpeg(picture, FIGURE_QUALITY)
@@ -103,7 +134,7 @@ def _figure(figure: Saved) -> dict[str, Any]:
             picture.quantize(256, dither=Image.Dither.NONE).save(buffer, "PNG", optimize=True)
             uri = "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
     named = {"slug": figure.slug, "caption": figure.caption, "pictorial": figure.pictorial}
-    return {**named, "uri": uri, "share": f"{picture.width / FIGURE_WIDTH:.3f}", **size}
+    return {**named, "uri": uri, "share": f"{share:.3f}", **size}
 
 
 def _jpeg(picture: Image.Image, quality: int) -> str:
@@ -112,15 +143,19 @@ def _jpeg(picture: Image.Image, quality: int) -> str:
     return "data:image/jpeg;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
 
 
+def backgrounds(found: Gallery) -> list[str]:
+    """Return the backgrounds of a capture's pictures, each once: each has a ground truth."""
+    return list(dict.fromkeys(found.rows[name]["background"] for name in found.conditions))
+
+
 def _capture(
-    found: Gallery, root: Path | None, most_views: int, most_splats: int
+    found: Gallery, root: Path | None, most_views: int, most_pixels: int, most_splats: int
 ) -> dict[str, Any]:
     """Collect what the slider and the 3D view of one capture need."""
     views = _evenly(found.views, most_views)
     lanes: dict[str, str] = {}
-    for condition in found.conditions:
-        background = found.rows[condition]["background"]
-        lanes.setdefault(f"truth-{background}", f"{background_name(background)} · ground truth")
+    for background in backgrounds(found):
+        lanes[f"truth-{background}"] = f"{background_name(background)} · ground truth"
     for condition in found.conditions:
         row = found.rows[condition]
         lanes[condition] = condition_name(row["background"], row["method"])
@@ -131,8 +166,9 @@ def _capture(
         for condition in found.conditions:
             truth = f"truth-{found.rows[condition]['background']}"
             if truth not in mine:
-                mine[truth], size = _slide(found.truths[found.rows[condition]["background"], view])
-            mine[condition], size = _slide(found.renders[condition, view])
+                source = found.truths[found.rows[condition]["background"], view]
+                mine[truth], size = _slide(source, most_pixels)
+            mine[condition], size = _slide(found.renders[condition, view], most_pixels)
         pictures[view] = mine
     return {
         "id": found.capture,
@@ -151,12 +187,17 @@ def _capture(
     }
 
 
-def _slide(path: Path) -> tuple[str, list[int]]:
+def _slide(path: Path, most_pixels: int) -> tuple[str, list[int]]:
     with Image.open(path) as image:
         picture = image.convert("RGB")
-    if picture.width > PICTURE_WIDTH:
-        height = round(picture.height * PICTURE_WIDTH / picture.width)
-        picture = picture.resize((PICTURE_WIDTH, height), Image.Resampling.LANCZOS)
+    share = min(
+        1.0,
+        PICTURE_WIDTH / picture.width,
+        math.sqrt(most_pixels / (picture.width * picture.height)),
+    )
+    if share < 1:
+        width, height = (max(1, round(side * share)) for side in picture.size)
+        picture = picture.resize((width, height), Image.Resampling.LANCZOS)
     return _jpeg(picture, PICTURE_QUALITY), [picture.width, picture.height]
 
 

@@ -41,9 +41,11 @@ def comparison(found: Gallery, folder: Path) -> Saved | None:
         for place, view in enumerate(views):
             rows = grid[each * start + 2 * place :][:2]
             _compare(rows, lanes, found, view, windows[view], titled=place == 0)
+    compare = pictures.methods_compare(found)
+    what = "the methods" if compare else "render and ground truth"
     caption = (
         f"{capture_name(found.capture)}: held-out views {' and '.join(views)} (at a quarter and "
-        "three quarters of the list sorted by name). The zoom is the window in which the methods "
+        f"three quarters of the list sorted by name). The zoom is the window in which {what} "
         "differ most, counted on the object."
     )
     return save(figure, folder, f"figure-comparison-{found.capture}", caption, pictorial=True)

@@ -8,7 +8,8 @@ that a report can say so. The choices that a figure makes are rules, stated in i
 * **zoom**: the square window, a quarter of the shorter side, where the renders of different
   methods differ most from one another (mean absolute difference, summed over backgrounds),
   counted on the object alone where its mask is stored: what differs most over a whole frame is
-  the desk behind it.
+  the desk behind it. Where no two methods share a background, the window in which the renders
+  differ most from their ground truth.
 """
 
 from collections.abc import Mapping, Sequence
@@ -120,12 +121,22 @@ def read(path: Path) -> Floats:
         return np.asarray(image.convert("RGB"), dtype=np.float32) / np.float32(255)
 
 
+def methods_compare(found: Gallery) -> bool:
+    """Say whether two methods share a background, so that there is a difference to zoom in on."""
+    backgrounds = [found.rows[condition]["background"] for condition in found.conditions]
+    return len(set(backgrounds)) < len(backgrounds)
+
+
 def zoom(found: Gallery, view: str) -> Window:
-    """Return the window where methods differ most (see the module's rule)."""
+    """Return the window where methods, or renders and truth, differ most (see the rule above)."""
     pictures: dict[str, list[Floats]] = {}
+    compare = methods_compare(found)
     for condition in found.conditions:
         background = found.rows[condition]["background"]
-        pictures.setdefault(background, []).append(found.render(condition, view))
+        group = pictures.setdefault(background, [])
+        group.append(found.render(condition, view))
+        if not compare:
+            group.append(found.truth(condition, view))
     mask = found.masks.get(view)
     return widest(pictures, None if mask is None else read(mask)[:, :, 0])
 

@@ -1,5 +1,8 @@
 "use strict";
 // Splats in 3D: WebGL 2 with true ellipses where there is one, else soft squares on a 2D canvas.
+// Browsers keep about 16 WebGL contexts and drop the oldest, and printers get WebGL as black. So one
+// context, on a canvas that nobody sees, serves every 3D view of the page: each view is a plain
+// canvas that gets a copy of what was drawn for it.
 const V = {
   sub: (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]],
   dot: (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2],
@@ -74,8 +77,9 @@ void main() {
   result = vec4(tone.rgb * alpha, alpha);
 }`;
 
-function webglPainter(canvas) {
-  const gl = canvas.getContext("webgl2", { antialias: false, preserveDrawingBuffer: true, alpha: false });
+function webglPainter() {
+  const canvas = document.createElement("canvas");
+  const gl = canvas.getContext("webgl2", { antialias: false, alpha: false });
   if (!gl) return null;
   const program = gl.createProgram();
   for (const [kind, text] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]]) {
@@ -106,18 +110,23 @@ function webglPainter(canvas) {
   gl.enable(gl.BLEND);
   gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
   gl.clearColor(1, 1, 1, 1);
+  let loaded = null;
+  function load(s) {
+    const height = Math.ceil(4 * s.n / 2048), table = new Float32Array(4 * 2048 * height);
+    for (let i = 0; i < s.n; i++) {
+      table.set([s.means[3 * i], s.means[3 * i + 1], s.means[3 * i + 2], s.alpha[i] / 255], 16 * i);
+      table.set(s.cov.subarray(6 * i, 6 * i + 6), 16 * i + 4);
+      table.set([s.colour[3 * i] / 255, s.colour[3 * i + 1] / 255, s.colour[3 * i + 2] / 255], 16 * i + 10);
+    }
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA32F, 2048, height, 0, gl.RGBA, gl.FLOAT, table);
+    loaded = s;
+  }
   return {
     kind: "webgl2",
-    load(s) {
-      const height = Math.ceil(4 * s.n / 2048), table = new Float32Array(4 * 2048 * height);
-      for (let i = 0; i < s.n; i++) {
-        table.set([s.means[3 * i], s.means[3 * i + 1], s.means[3 * i + 2], s.alpha[i] / 255], 16 * i);
-        table.set(s.cov.subarray(6 * i, 6 * i + 6), 16 * i + 4);
-        table.set([s.colour[3 * i] / 255, s.colour[3 * i + 1] / 255, s.colour[3 * i + 2] / 255], 16 * i + 10);
-      }
-      gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA32F, 2048, height, 0, gl.RGBA, gl.FLOAT, table);
-    },
-    paint(splats, camera, places) {
+    lost: () => gl.isContextLost(),
+    paint(view, splats, camera, places) {
+      if (loaded !== splats) load(splats);
+      if (canvas.width !== view.width || canvas.height !== view.height) Object.assign(canvas, { width: view.width, height: view.height });
       gl.viewport(0, 0, canvas.width, canvas.height);
       gl.clear(gl.COLOR_BUFFER_BIT);
       const [r, d, f] = [camera.right, camera.down, camera.forward];
@@ -128,17 +137,18 @@ function webglPainter(canvas) {
       gl.bindBuffer(gl.ARRAY_BUFFER, order);
       gl.bufferData(gl.ARRAY_BUFFER, places, gl.DYNAMIC_DRAW);
       gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, places.length);
+      if (gl.isContextLost()) return; // the view keeps its last picture until it is drawn again
+      view.getContext("2d").drawImage(canvas, 0, 0); // within the same task: afterwards it is gone
     },
   };
 }
 
-function canvasPainter(canvas) {
-  const context = canvas.getContext("2d");
+function canvasPainter() {
   return {
     kind: "canvas",
-    load() {},
-    paint(s, camera, places) {
-      const { width, height } = canvas;
+    lost: () => false,
+    paint(view, s, camera, places) {
+      const { width, height } = view, context = view.getContext("2d");
       context.fillStyle = "#fff";
       context.fillRect(0, 0, width, height);
       for (const i of places) {
@@ -153,6 +163,14 @@ function canvasPainter(canvas) {
       context.globalAlpha = 1;
     },
   };
+}
+
+let pagePainter = null;
+function sharedPainter() {
+  if (pagePainter && !pagePainter.lost()) return pagePainter;
+  try { pagePainter = webglPainter(); } catch (reason) { pagePainter = null; console.warn(`WebGL 2 refused: ${reason.message}`); }
+  pagePainter = pagePainter || canvasPainter();
+  return pagePainter;
 }
 
 // Far to near by counting sort over 4096 depth bins: a whole sort takes a millisecond or two.
@@ -173,122 +191,4 @@ function farToNear(s, camera) {
   const places = new Uint32Array(s.n);
   for (let i = 0; i < s.n; i++) places[starts[keys[i]]++] = i;
   return places;
-}
-
-function makeOrbit(root, capture) {
-  const canvas = root.querySelector("canvas"), paper = root.querySelector(".paper"), models = root.querySelector(".models");
-  let painter = null;
-  try { painter = webglPainter(canvas); } catch (reason) { console.warn(`WebGL 2 refused: ${reason.message}`); }
-  painter = painter || canvasPainter(canvas);
-  canvas.dataset.painter = painter.kind;
-  const unpacked = new Map();
-  let model = null, pose = null, waiting = false;
-
-  function reset() {
-    const offset = V.sub(model.eye, model.target), up = V.unit(model.up);
-    const radius = Math.hypot(...offset) || 1;
-    const lift = Math.asin(Math.max(-1, Math.min(1, V.dot(offset, up) / radius)));
-    const east = V.unit(V.along(offset, up, -V.dot(offset, up)));
-    pose = { azimuth: 0, lift, radius, first: radius, east, up, north: V.cross(up, east) };
-  }
-  function camera() {
-    const { azimuth, lift, radius, east, north, up } = pose;
-    const level = V.along(east.map((x) => x * Math.cos(azimuth)), north, Math.sin(azimuth));
-    const out = V.along(level.map((x) => x * Math.cos(lift)), up, Math.sin(lift));
-    const forward = out.map((x) => -x), right = V.unit(V.cross(forward, up));
-    return {
-      eye: V.along(model.target, out, radius), forward, right, down: V.cross(forward, right),
-      focal: canvas.height / 2 / Math.tan(model.fov / 2),
-    };
-  }
-  function draw() {
-    waiting = false;
-    const sharp = Math.min(window.devicePixelRatio || 1, 2);
-    const width = Math.max(1, Math.round(canvas.clientWidth * sharp)), height = Math.max(1, Math.round(canvas.clientHeight * sharp));
-    if (canvas.clientWidth && (canvas.width !== width || canvas.height !== height)) Object.assign(canvas, { width, height });
-    const splats = unpacked.get(model.id), now = camera();
-    painter.paint(splats, now, farToNear(splats, now));
-    canvas.dataset.frames = String(Number(canvas.dataset.frames || 0) + 1);
-    // printers get WebGL as black: what is printed is this copy, taken while the picture stands
-    Object.assign(paper, { width: canvas.width, height: canvas.height });
-    paper.getContext("2d").drawImage(canvas, 0, 0);
-  }
-  function soon() {
-    if (!waiting && model) { waiting = true; requestAnimationFrame(draw); }
-  }
-  function choose(id) {
-    const kept = pose;
-    model = capture.models.find((one) => one.id === id);
-    if (!unpacked.has(id)) unpacked.set(id, unpackSplats(model));
-    painter.load(unpacked.get(id));
-    reset();
-    if (kept) Object.assign(pose, { azimuth: kept.azimuth, lift: kept.lift, radius: pose.first * kept.radius / kept.first });
-    for (const button of models.children) {
-      const mine = button.dataset.id === id;
-      button.setAttribute("aria-checked", String(mine));
-      button.tabIndex = mine ? 0 : -1;
-    }
-    const shown = model.count < model.total ? `${model.count.toLocaleString("en")} of ${model.total.toLocaleString("en")} splats.` : `${model.count.toLocaleString("en")} splats.`;
-    root.querySelector(".count").textContent = shown;
-    soon();
-  }
-  for (const one of capture.models) {
-    const button = Object.assign(document.createElement("button"), { type: "button", textContent: one.name });
-    button.dataset.id = one.id;
-    button.setAttribute("role", "radio");
-    button.addEventListener("click", () => choose(one.id));
-    models.append(button);
-  }
-  models.addEventListener("keydown", (event) => {
-    const step = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 }[event.key];
-    if (!step) return;
-    const all = [...models.children], next = all[(all.indexOf(event.target) + step + all.length) % all.length];
-    next.focus();
-    next.click();
-    event.preventDefault();
-  });
-
-  const turn = (dx, dy) => {
-    pose.azimuth -= dx;
-    pose.lift = Math.max(-1.5, Math.min(1.5, pose.lift + dy));
-    soon();
-  };
-  const zoom = (factor) => {
-    pose.radius = Math.max(pose.first / 20, Math.min(pose.first * 6, pose.radius * factor));
-    soon();
-  };
-  const fingers = new Map();
-  const spread = () => { const [a, b] = [...fingers.values()]; return Math.hypot(a[0] - b[0], a[1] - b[1]); };
-  canvas.addEventListener("pointerdown", (event) => {
-    fingers.set(event.pointerId, [event.clientX, event.clientY]);
-    canvas.setPointerCapture(event.pointerId);
-  });
-  canvas.addEventListener("pointermove", (event) => {
-    const before = fingers.get(event.pointerId);
-    if (!before || !pose) return;
-    const apart = fingers.size === 2 ? spread() : 0;
-    fingers.set(event.pointerId, [event.clientX, event.clientY]);
-    if (fingers.size === 2) zoom(apart / Math.max(1, spread()));
-    else turn((event.clientX - before[0]) * 0.008, (event.clientY - before[1]) * 0.008);
-  });
-  for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, (event) => fingers.delete(event.pointerId));
-  canvas.addEventListener("wheel", (event) => {
-    event.preventDefault();
-    zoom(Math.exp(event.deltaY * 0.001));
-  }, { passive: false });
-  canvas.addEventListener("dblclick", () => { reset(); soon(); });
-  canvas.addEventListener("keydown", (event) => {
-    const act = {
-      ArrowLeft: () => turn(-0.1, 0), ArrowRight: () => turn(0.1, 0), ArrowUp: () => turn(0, 0.1), ArrowDown: () => turn(0, -0.1),
-      "+": () => zoom(0.9), "=": () => zoom(0.9), "-": () => zoom(1.1), Home: () => { reset(); soon(); },
-    }[event.key];
-    if (act) { act(); event.preventDefault(); }
-  });
-  const start = () => { if (!model) choose((capture.models.find((one) => one.id === capture.start[1]) || capture.models[0]).id); };
-  // nothing is decoded before it is near the window; printing needs all of it
-  new IntersectionObserver((entries, watcher) => {
-    if (entries.some((entry) => entry.isIntersecting)) { watcher.disconnect(); start(); }
-  }, { rootMargin: "400px" }).observe(canvas);
-  window.addEventListener("beforeprint", () => { if (!model) { start(); draw(); } });
-  window.addEventListener("resize", soon);
 }

@@ -7,8 +7,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from reports import verdict
+import pytest
+
+from reports import page, verdict
 from reports.build import build
+from reports.figures import Saved
 
 Row = dict[str, Any]
 Pictured = tuple[list[Row], Path]
@@ -46,6 +49,34 @@ def test_the_page_needs_nothing_from_outside(built: Path) -> None:
     assert not re.search(r'(?:src|href)="(?!data:|#)', text)
     assert not re.search(r"url\((?!data:)", text)
     assert "default-src 'none'" in text
+
+
+def test_figures_with_photos_shrink_together_to_their_budget(
+    built: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn = [
+        Saved(stem, "", built.parent / "figures" / stem, pictorial=photos)
+        for stem, photos in (
+            ("figure-comparison-rover", True), ("figure-errors-rover", True),
+            ("figure-curves", False),
+        )
+    ]  # fmt: skip
+
+    def inlined() -> tuple[list[int], list[int], str]:
+        text = page.render(title="", summary="", facts={}, verdicts=[], tables=[], figures=drawn,
+                           galleries=[], root=None, problems=[])  # fmt: skip
+        found = re.findall(r'src="(data:image/[^"]*)" width="(\d+)"', text)
+        return [len(uri) for uri, _ in found], [int(width) for _, width in found], text
+
+    sizes, widths, text = inlined()
+    assert "of their size" not in text
+    monkeypatch.setattr(page, "PHOTO_FIGURES", sum(sizes[:2]) // 4)
+    smaller, narrower, text = inlined()
+    assert sum(smaller[:2]) < 0.4 * sum(sizes[:2])
+    assert narrower[0] / widths[0] == pytest.approx(0.5, abs=0.01)
+    assert narrower[1] / widths[1] == pytest.approx(0.5, abs=0.01)
+    assert (smaller[2], narrower[2]) == (sizes[2], widths[2]), "plots stay as they are"
+    assert "shown at 50% of their size" in text
 
 
 def test_the_verdict_comes_first(built: Path) -> None:

@@ -60,6 +60,30 @@ def test_the_zoom_stays_on_the_object() -> None:
     assert window.top + window.side >= 36
 
 
+@pytest.mark.parametrize(
+    "conditions", [["original-3dgs"], ["nobg-ours"], ["original-3dgs", "nobg-3dgs"]]
+)
+def test_where_no_methods_compare_the_zoom_lies_on_the_largest_error(
+    pictured: Pictured, tmp_path: Path, conditions: list[str]
+) -> None:
+    rows, root = pictured
+    mine = [row for row in rows if row["condition"] in conditions]
+    found = pictures.gallery("rover", cells(mine), root)
+    found.masks.clear()  # the whole frame counts
+    view = found.chosen()[0]
+    for condition in conditions:  # a render that is its truth but for one patch
+        picture = (found.truth(condition, view) * 255).astype(np.uint8)
+        picture[40:50, 60:70] = 255 - picture[40:50, 60:70]
+        found.renders[condition, view] = tmp_path / f"{condition}.png"
+        Image.fromarray(picture).save(found.renders[condition, view])
+    window = pictures.zoom(found, view)
+    assert (window.left <= 60, window.left + window.side >= 70) == (True, True)
+    assert (window.top <= 40, window.top + window.side >= 50) == (True, True)
+    saved = photo_figures.comparison(found, tmp_path)
+    assert saved is not None
+    assert "in which render and ground truth differ most" in saved.caption
+
+
 def test_methods_keep_their_colours(pictured: Pictured) -> None:
     rows, _ = pictured
     more = [*rows, rows[0] | {"method": "another"}]

@@ -1,151 +1,27 @@
 """The report in headless Chromium: no error, no request, and what should react reacts.
 
-Speaks the DevTools protocol itself; skipped, with the reason, where no Chromium is installed.
+Skipped, with the reason, where no Chromium is installed.
 """
 
 import base64
 import io
-import itertools
-import json
 import re
-import shutil
-import subprocess
-import tempfile
-import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image
 
-CHROMIUM = next(
-    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
-)
-websockets = pytest.importorskip("websockets.sync.client", reason="no websockets package")
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine"),
-]
-FLAGS = (
-    "--headless",
-    "--no-sandbox",
-    "--disable-dev-shm-usage",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--hide-scrollbars",
-    "--no-first-run",
-    "--remote-debugging-port=0",
-)
-PATIENCE = 60  # seconds that a busy machine may take for one step
+from tests.reports.chromium import NEEDED, Page, chromium
 
-
-class Page:
-    """One tab: sends commands, keeps every event."""
-
-    def __init__(self, address: str) -> None:
-        self.socket = websockets.connect(address, max_size=None, open_timeout=PATIENCE)
-        self.numbers = itertools.count(1)
-        self.events: list[dict[str, Any]] = []
-
-    def send(self, method: str, **params: Any) -> dict[str, Any]:
-        number = next(self.numbers)
-        self.socket.send(json.dumps({"id": number, "method": method, "params": params}))
-        while True:
-            message = json.loads(self.socket.recv(timeout=PATIENCE))
-            if message.get("id") == number:
-                assert "error" not in message, message
-                return dict(message["result"])
-            self.events.append(message)
-
-    def value(self, expression: str) -> Any:
-        out = self.send(
-            "Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True
-        )
-        assert "exceptionDetails" not in out, out
-        return out["result"].get("value")
-
-    def wait(self, expression: str) -> None:
-        end = time.monotonic() + PATIENCE
-        while not self.value(expression):
-            assert time.monotonic() < end, f"never true: {expression}"
-            time.sleep(0.05)
-
-    def open(self, path: Path, width: int, height: int) -> None:
-        for domain in ("Page", "Runtime", "Log", "Network"):
-            self.send(f"{domain}.enable")
-        self.resize(width, height)
-        self.send("Page.navigate", url=path.as_uri())
-        self.wait(
-            f"location.href === '{path.as_uri()}' && "
-            "document.documentElement?.dataset.ready === 'true'"
-        )
-
-    def resize(self, width: int, height: int) -> None:
-        self.send(
-            "Emulation.setDeviceMetricsOverride",
-            width=width,
-            height=height,
-            deviceScaleFactor=1,
-            mobile=width < 600,
-        )
-
-    def mouse(self, kind: str, x: float, y: float, **more: Any) -> None:
-        self.send("Input.dispatchMouseEvent", type=kind, x=x, y=y, **more)
-
-    def drag(self, start: tuple[float, float], stop: tuple[float, float]) -> None:
-        self.mouse("mousePressed", *start, button="left", buttons=1, clickCount=1)
-        for share in (0.5, 1.0):
-            x, y = (a + (b - a) * share for a, b in zip(start, stop, strict=True))
-            self.mouse("mouseMoved", x, y, button="left", buttons=1)
-        self.mouse("mouseReleased", *stop, button="left", clickCount=1)
-
-    def box(self, selector: str) -> dict[str, float]:
-        where = "{block: 'center', behavior: 'instant'}"
-        self.value(f"document.querySelector('{selector}').scrollIntoView({where})")
-        return dict(
-            self.value(
-                f"(() => {{ const b = document.querySelector('{selector}').getBoundingClientRect();"
-                "return {x: b.x, y: b.y, width: b.width, height: b.height}; })()"
-            )
-        )
-
-    def shot(self) -> np.ndarray:
-        data = self.send("Page.captureScreenshot", format="png")["data"]
-        with Image.open(io.BytesIO(base64.b64decode(data))) as image:
-            return np.asarray(image.convert("RGB"), dtype=np.int16)
+pytestmark = NEEDED
 
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[str]:
-    """Start one browser for all tests and return the address of its first tab."""
-    assert CHROMIUM is not None
-    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
-        command = [CHROMIUM, *FLAGS, f"--user-data-dir={profile}", "about:blank"]
-        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        try:
-            port = _port(Path(profile) / "DevToolsActivePort")
-            with _get(port, "/json/list") as tabs:
-                address = next(tab for tab in json.load(tabs) if tab["type"] == "page")
-            yield str(address["webSocketDebuggerUrl"])
-        finally:
-            process.terminate()
-            process.wait(timeout=PATIENCE)
-
-
-def _port(file: Path) -> int:
-    end = time.monotonic() + PATIENCE
-    while not (file.is_file() and file.read_text().strip()):
-        assert time.monotonic() < end, "the browser did not start"
-        time.sleep(0.1)
-    return int(file.read_text().split()[0])
-
-
-def _get(port: int, path: str) -> Any:
-    import urllib.request
-
-    return urllib.request.urlopen(f"http://127.0.0.1:{port}{path}", timeout=PATIENCE)
+    with chromium() as address:
+        yield address
 
 
 @pytest.fixture(scope="module")
@@ -180,8 +56,9 @@ def test_the_slider_changes_view_and_method(page: Page) -> None:
     assert len(names) == 6
 
 
-def pixels(page: Page, canvas: str = ".view") -> np.ndarray:
-    data = page.value(f"document.querySelector('.orbit {canvas}').toDataURL('image/png')")
+def pixels(page: Page, place: int = 0) -> np.ndarray:
+    canvas = f"document.querySelectorAll('.orbit canvas')[{place}]"
+    data = page.value(f"{canvas}.toDataURL('image/png')")
     with Image.open(io.BytesIO(base64.b64decode(data.split(",")[1]))) as image:
         return np.asarray(image.convert("RGB"), dtype=np.int16)
 
@@ -216,16 +93,12 @@ def test_the_3d_view_shows_the_object_and_turns_zooms_and_switches(page: Page) -
     assert page.value("document.querySelector('[aria-checked=true]').dataset.id") == "original-3dgs"
 
 
-def test_what_is_printed_is_what_is_seen(page: Page) -> None:
-    """Printers get a WebGL canvas as black, so a copy is printed."""
-    shown = pixels(page)
-    copy = pixels(page, ".paper")
-    assert np.array_equal(copy, shown)
-    page.send("Emulation.setEmulatedMedia", media="print")
-    for name, display in ((".orbit .view", "none"), (".orbit .paper", "block")):
-        style = f"getComputedStyle(document.querySelector('{name}'))"
-        assert page.value(f"{style}.display") == display
-    page.send("Emulation.setEmulatedMedia", media="")
+def test_what_is_seen_can_be_printed(page: Page) -> None:
+    """Printers get a WebGL canvas as black: a view is a plain one that keeps its picture."""
+    canvas = "document.querySelector('.orbit canvas')"
+    assert page.value(f"{canvas}.dataset.painter") == "webgl2"
+    assert page.value(f"{canvas}.getContext('2d') !== null")
+    assert (pixels(page) < 240).any(axis=2).mean() > 0.01
 
 
 def test_the_plain_canvas_takes_over_where_there_is_no_webgl(
@@ -253,15 +126,7 @@ def test_a_phone_scrolls_tables_not_the_page(page: Page, built: Path) -> None:
 
 def test_nothing_was_logged_as_an_error_and_nothing_was_requested(page: Page) -> None:
     """Comes last: judges everything that the tests above did."""
-    page.value("1")  # flushes events
-    errors = [
-        event
-        for event in page.events
-        if event["method"] == "Runtime.exceptionThrown"
-        or (event["method"] == "Log.entryAdded" and event["params"]["entry"]["level"] == "error")
-        or (event["method"] == "Runtime.consoleAPICalled" and event["params"]["type"] == "error")
-    ]
-    assert errors == []
+    assert page.errors() == []
     urls = [
         event["params"]["request"]["url"]
         for event in page.events

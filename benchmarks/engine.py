@@ -22,9 +22,9 @@ import torch
 
 from mattgs_ops.camera import Camera, Intrinsics
 from mattgs_ops.splat import _engine
-from mattgs_ops.splat.adam import adam_step
 from mattgs_ops.splat.gaussians import Splats
 from mattgs_ops.splat.memory import Memory
+from mattgs_ops.splat.optimise import FIELDS, Adam
 from mattgs_ops.splat.rasterize import PASSES, backward, render
 from mattgs_ops.splat.ssim import photometric_loss
 
@@ -99,14 +99,14 @@ def measure(
     """Render, compare, go back and step Adam ``repeats`` times."""
     i = camera.intrinsics
     target = torch.rand(i.height, i.width, 3, generator=torch.Generator().manual_seed(1))
-    parameters = dict(splats.items())
-    moments = {name: (torch.zeros_like(t), torch.zeros_like(t)) for name, t in parameters.items()}
+    adam = Adam(splats)
+    rates = dict.fromkeys(FIELDS, 0.0)  # every repeat sees the same splats
     memory = Memory()
-    names = (*PASSES, "loss", "Adam")
+    names = (*PASSES, "loss")
     seconds: dict[str, list[float]] = {name: [] for name in names}
     flops: dict[str, list[float]] = {name: [] for name in names}
     peaks = []
-    for step in range(1, repeats + 2):  # the first warms up
+    for repeat in range(repeats + 1):  # the first warms up
         peaks.append(peak())
         rendering = render(splats, camera, WHITE, threads=threads, memory=memory)
         loss = photometric_loss(rendering.image, target, threads=threads, memory=memory)
@@ -115,17 +115,9 @@ def measure(
             photometric_loss(image, target, threads=threads, memory=memory)
 
         took = {"loss": timed(compare, threads)}
-        gradients = backward(rendering, loss.grad, statistics=statistics, memory=memory)
+        adam.descend(rendering, loss.grad, rates, statistics=statistics, memory=memory)
         took |= rendering.pass_seconds
-
-        def update(step: int = step, gradients: object = gradients) -> None:
-            for name, value in parameters.items():
-                grad = getattr(gradients, name)
-                # a rate of nothing: every repeat sees the same splats
-                adam_step(value, grad, *moments[name], rate=0.0, step=step, threads=threads)
-
-        took["Adam"] = timed(update, threads)
-        if step == 1:
+        if repeat == 0:
             continue
         for name in names:
             seconds[name].append(took[name])

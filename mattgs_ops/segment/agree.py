@@ -121,8 +121,8 @@ def ask(
         small = cv2.resize(soft, size, interpolation=cv2.INTER_AREA)
         shown = render(splats, camera, BLACK, sh_degree=0, threads=threads)
         asked = backward(shown, torch.zeros_like(shown.image), pixel_map=torch.from_numpy(small))
-        weight += asked.weight
-        total += asked.weighted_map
+        weight += asked.seen.weight
+        total += asked.seen.weighted_map
     return (total / weight.clamp(min=UNSEEN)).numpy(), weight.numpy()
 
 

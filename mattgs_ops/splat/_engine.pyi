@@ -5,6 +5,7 @@ from typing import Any
 
 Array = Any  # anything with a buffer or DLPack: numpy, torch
 Arrays = tuple[Array, ...]  # means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest
+Statistics = tuple[Array, ...]  # means2d, means2d_abs, weight, weighted_map
 
 TILE: int
 
@@ -23,6 +24,7 @@ class Rendering:
         background: Sequence[float],
         sh_degree: int,
         threads: int,
+        differentiable: bool,
     ) -> None: ...
     def forward(
         self, splats: Arrays, image: Array, alpha: Array, radii: Array, means2d: Array
@@ -34,12 +36,22 @@ class Rendering:
         grad_alpha: Array | None,
         pixel_map: Array | None,
         grads: Arrays,
-        means2d: Array,
-        means2d_abs: Array,
-        weight: Array,
-        weighted_map: Array,
+        seen: Statistics,
         statistics: bool,
     ) -> None: ...
+    def descend(
+        self,
+        splats: Arrays,
+        grad_image: Array,
+        pixel_map: Array | None,
+        first_moments: Arrays,
+        second_moments: Arrays,
+        rates: Sequence[float],
+        settings: Sequence[float],
+        step: int,
+        seen: Statistics,
+        statistics: bool,
+    ) -> int: ...
     @property
     def pairs(self) -> int: ...
     @property
@@ -58,15 +70,3 @@ def photometric_loss(
     threads: int,
     grad: Array,
 ) -> tuple[float, float, float, float]: ...
-def adam(
-    values: Array,
-    grads: Array,
-    first_moments: Array,
-    second_moments: Array,
-    rate: float,
-    beta1: float,
-    beta2: float,
-    epsilon: float,
-    step: int,
-    threads: int,
-) -> None: ...

@@ -10,9 +10,10 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
-from mattgs_ops.splat.adam import adam_step
+from mattgs_ops.errors import StageError
 from mattgs_ops.splat.gaussians import SHAPES, Splats
-from mattgs_ops.splat.rasterize import Gradients
+from mattgs_ops.splat.memory import Memory, Unshared
+from mattgs_ops.splat.rasterize import Rendering, Seen, checked_pixels, splat_arrays
 
 FIELDS = tuple(SHAPES)
 BETAS = (0.9, 0.999)
@@ -39,23 +40,44 @@ class Adam:
         self.second = {name: torch.zeros_like(getattr(splats, name)) for name in FIELDS}
         self.steps = 0
 
-    def step(
-        self, splats: Splats, gradients: Gradients, rates: Mapping[str, float], threads: int = 1
-    ) -> None:
-        """Change ``splats`` in place by one step; ``rates`` per field of the splats."""
+    def descend(
+        self,
+        rendering: Rendering,
+        grad_image: Tensor,
+        rates: Mapping[str, float],
+        *,
+        pixel_map: Tensor | None = None,
+        statistics: bool = False,
+        memory: Memory | None = None,
+    ) -> Seen:
+        """Go back from a rendering and move its splats by one step, in place.
+
+        As :func:`~mattgs_ops.splat.rasterize.backward` and then a step of Adam, with one learning
+        rate per field, but in one pass: gradients never leave the processor's cache. What is above
+        the rendering's ``sh_degree`` stays as it is. Raises :class:`StageError` that names the
+        fields whose gradient was not finite; the splats are of no use then.
+        """
+        splats = rendering.splats
+        grad, _, attention = checked_pixels(rendering, grad_image, None, pixel_map)
+        memory = Unshared() if memory is None else memory
+        seen = Seen.taken(memory, len(splats), statistics=statistics)
         self.steps += 1
-        for name in FIELDS:
-            adam_step(
-                getattr(splats, name),
-                getattr(gradients, name),
-                self.first[name],
-                self.second[name],
-                rate=rates[name],
-                step=self.steps,
-                betas=BETAS,
-                epsilon=EPSILON,
-                threads=threads,
-            )
+        broken = rendering.engine.descend(
+            splat_arrays(splats),
+            grad,
+            attention,
+            tuple(self.first[name].numpy() for name in FIELDS),
+            tuple(self.second[name].numpy() for name in FIELDS),
+            [rates[name] for name in FIELDS],
+            (*BETAS, EPSILON),
+            self.steps,
+            seen.arrays(),
+            statistics,
+        )
+        if broken:
+            names = ", ".join(f"`{name}`" for i, name in enumerate(FIELDS) if broken >> i & 1)
+            raise StageError(f"the gradient of {names} is not finite")
+        return seen
 
     def keep(self, index: Tensor) -> None:
         """Follow :func:`select`."""

@@ -23,6 +23,7 @@ from mattgs_ops.splat.memory import Memory, Unshared
 
 MAX_PIXELS_A_SIDE = 32_768  # of an image; more is a mistake in the caller's units
 MAX_THREADS = 1024
+# of a rendering and the way back; the last one of `Adam.descend` moves the splats, too
 PASSES = ("project", "sort", "bin", "forward", "backward", "project back")
 
 
@@ -35,27 +36,52 @@ class Rendering:
     radii: Tensor  # [N] 3 sigma of the longer axis, px; 0 = not visible
     means2d: Tensor  # [N, 2] projected centres, px; 0 where behind the near plane
     splats: Splats
-    _engine: Any
+    engine: Any  # the compiled engine's own
 
     @property
     def evaluated_pairs(self) -> int:
         """Splat-pixel pairs that compositing looked at (computed on request)."""
-        return int(self._engine.evaluated)
+        return int(self.engine.evaluated)
 
     @property
     def tile_pairs(self) -> int:
         """Splat-tile pairs that were sorted."""
-        return int(self._engine.pairs)
+        return int(self.engine.pairs)
 
     @property
     def pass_seconds(self) -> dict[str, float]:
         """Seconds of each pass: processor time with one thread, else wall-clock time."""
-        return dict(zip(PASSES, self._engine.seconds, strict=True))
+        return dict(zip(PASSES, self.engine.seconds, strict=True))
 
     @property
     def workspace_bytes(self) -> int:
         """Memory that the engine holds for this rendering, kept for the next one."""
-        return int(self._engine.workspace_bytes)
+        return int(self.engine.workspace_bytes)
+
+
+@dataclass
+class Seen:
+    """What a pass back over the pixels saw of each splat."""
+
+    means2d: Tensor  # [N, 2] dL/d projected centre, px
+    means2d_abs: Tensor  # [N, 2] the same with absolute values summed over pixels
+    weight: Tensor  # [N] sum of blending weights
+    weighted_map: Tensor  # [N] sum of blending weight times pixel_map
+
+    @classmethod
+    def taken(cls, memory: Memory, count: int, *, statistics: bool) -> "Seen":
+        """Return uninitialised ones; without ``statistics`` all but ``means2d`` are empty."""
+        kept = count if statistics else 0
+        return cls(
+            memory.take("d means2d", count, 2),
+            memory.take("d means2d_abs", kept, 2),
+            memory.take("weight", kept),
+            memory.take("weighted_map", kept),
+        )
+
+    def arrays(self) -> tuple[Any, ...]:
+        """Return them as NumPy arrays on the same memory."""
+        return tuple(t.numpy() for t in vars(self).values())
 
 
 @dataclass
@@ -68,10 +94,12 @@ class Gradients:
     opacity_logits: Tensor  # [N]
     sh_dc: Tensor  # [N, 3]
     sh_rest: Tensor  # [N, 15, 3]
-    means2d: Tensor  # [N, 2] dL/d projected centre, px
-    means2d_abs: Tensor  # [N, 2] the same with absolute values summed over pixels
-    weight: Tensor  # [N] sum of blending weights
-    weighted_map: Tensor  # [N] sum of blending weight times pixel_map
+    seen: Seen
+
+    def tensors(self) -> dict[str, Tensor]:
+        """Return all of them by name."""
+        parameters = {name: value for name, value in vars(self).items() if name != "seen"}
+        return parameters | vars(self.seen)
 
 
 def render(
@@ -82,11 +110,13 @@ def render(
     sh_degree: int = 3,
     threads: int = 1,
     memory: Memory | None = None,
+    differentiable: bool = True,
 ) -> Rendering:
     """Render ``splats`` as ``camera`` sees them over a plain ``background``.
 
     ``sh_degree`` 0 to 3: spherical harmonics above it are not used. With a ``memory`` the result
-    lies there and is overwritten by the next rendering that is given the same one. Raises
+    lies there and is overwritten by the next rendering that is given the same one. What is not
+    ``differentiable`` takes a little less time, and has no way back. Raises
     :class:`InputError` for wrong shapes, for a camera without an image, and for a splat with a NaN
     or infinite parameter (its field and row are named).
     """
@@ -108,13 +138,14 @@ def render(
         tuple(map(float, background)),
         sh_degree,
         threads,
+        differentiable,
     )
     memory = Unshared() if memory is None else memory
     image = memory.take("image", i.height, i.width, 3)
     alpha = memory.take("alpha", i.height, i.width)
     radii, means2d = memory.take("radii", len(splats)), memory.take("means2d", len(splats), 2)
     bad = engine.forward(
-        _arrays(splats), image.numpy(), alpha.numpy(), radii.numpy(), means2d.numpy()
+        splat_arrays(splats), image.numpy(), alpha.numpy(), radii.numpy(), means2d.numpy()
     )
     if bad:
         raise InputError(_describe_not_finite(splats))
@@ -139,42 +170,36 @@ def backward(
     :class:`InputError` for wrong shapes or types.
     """
     splats = rendering.splats
+    arrays = checked_pixels(rendering, grad_image, grad_alpha, pixel_map)
+    memory = Unshared() if memory is None else memory
+    grads = Splats(**{name: memory.take(f"d {name}", *t.shape) for name, t in splats.items()})
+    seen = Seen.taken(memory, len(splats), statistics=statistics)
+    rendering.engine.backward(
+        splat_arrays(splats), *arrays, splat_arrays(grads), seen.arrays(), statistics
+    )
+    return Gradients(**dict(grads.items()), seen=seen)
+
+
+def checked_pixels(
+    rendering: Rendering,
+    grad_image: Tensor,
+    grad_alpha: Tensor | None,
+    pixel_map: Tensor | None,
+) -> list[Any]:
+    """Return what goes back from the pixels as arrays; see :func:`backward` for what it raises."""
+    splats = rendering.splats
     splats.check()
+    if len(splats) != len(rendering.radii):
+        raise InputError(
+            f"splats: expected the {len(rendering.radii)} that were rendered, found {len(splats)}"
+        )
     height, width = rendering.alpha.shape
     given = {
         "grad_image": (grad_image, (height, width, 3)),
         "grad_alpha": (grad_alpha, (height, width)),
         "pixel_map": (pixel_map, (height, width)),
     }
-    arrays = [checked_array(name, t, shape) for name, (t, shape) in given.items()]
-    count = len(splats)
-    if count != len(rendering.radii):
-        raise InputError(
-            f"splats: expected the {len(rendering.radii)} that were rendered, found {count}"
-        )
-    memory = Unshared() if memory is None else memory
-    take = memory.take
-    grads = Splats(**{name: take(f"d {name}", *value.shape) for name, value in splats.items()})
-    kept = count if statistics else 0
-    means2d, means2d_abs = take("d means2d", count, 2), take("d means2d_abs", kept, 2)
-    weight, weighted_map = take("weight", kept), take("weighted_map", kept)
-    rendering._engine.backward(
-        _arrays(splats),
-        *arrays,
-        _arrays(grads),
-        means2d.numpy(),
-        means2d_abs.numpy(),
-        weight.numpy(),
-        weighted_map.numpy(),
-        statistics,
-    )
-    return Gradients(
-        **dict(grads.items()),
-        means2d=means2d,
-        means2d_abs=means2d_abs,
-        weight=weight,
-        weighted_map=weighted_map,
-    )
+    return [checked_array(name, t, shape) for name, (t, shape) in given.items()]
 
 
 def checked_array(name: str, tensor: Tensor | None, shape: tuple[int, ...]) -> Any:
@@ -193,7 +218,8 @@ def checked_array(name: str, tensor: Tensor | None, shape: tuple[int, ...]) -> A
     return tensor.detach().contiguous().numpy()
 
 
-def _arrays(splats: Splats) -> tuple[Any, ...]:
+def splat_arrays(splats: Splats) -> tuple[Any, ...]:
+    """Return the parameters as NumPy arrays on the same memory, in the engine's order."""
     return tuple(tensor.detach().numpy() for _, tensor in splats.items())
 
 

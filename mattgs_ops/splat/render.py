@@ -25,7 +25,7 @@ def render_view(
 ) -> NDArray[np.uint8]:
     """Return the view [H, W, 3] uint8 sRGB, rounded to nearest after clamping to [0, 1]."""
     with torch.no_grad():
-        image = render(splats, camera, background, threads=threads).image
+        image = render(splats, camera, background, threads=threads, differentiable=False).image
         pixels: NDArray[np.uint8] = image.clamp(0, 1).mul(255).round().to(torch.uint8).numpy()
     return pixels
 
@@ -48,11 +48,11 @@ def measure_fps(
         raise ValueError("measure_fps: expected at least one camera, found none")
     with torch.no_grad():
         for camera in [*cameras][:WARM_UP]:
-            render(splats, camera, background, threads=threads)
+            render(splats, camera, background, threads=threads, differentiable=False)
         frames, began = 0, stopwatch.seconds()
         while True:
             for camera in cameras:
-                render(splats, camera, background, threads=threads)
+                render(splats, camera, background, threads=threads, differentiable=False)
             frames += len(cameras)
             seconds = stopwatch.seconds() - began
             if seconds >= fewest_seconds:

@@ -34,9 +34,8 @@ from mattgs_ops.splat.densify import (
 from mattgs_ops.splat.gaussians import Splats
 from mattgs_ops.splat.initialise import StartingPoints
 from mattgs_ops.splat.memory import Memory
-from mattgs_ops.splat.optimise import FIELDS
 from mattgs_ops.splat.photos import BLACK, WHITE, Bytes, Floats, StoredView, recolour
-from mattgs_ops.splat.rasterize import Gradients, Rendering, backward, render
+from mattgs_ops.splat.rasterize import Rendering, Seen, render
 from mattgs_ops.splat.schedule import Schedule
 from mattgs_ops.splat.ssim import photometric_loss
 
@@ -131,13 +130,12 @@ class Trainer:
         )
         if not math.isfinite(loss.loss):
             raise StageError(f"step {step}, view {view.name}: the loss is {loss.loss}")
-        gradients = self._backward(index, rendering, loss.grad, step)
-        _refuse_nan(gradients, step)
+        try:
+            seen = self._descend(state, index, rendering, loss.grad)
+        except StageError as error:
+            raise StageError(f"step {step}: {error}") from error
         if self.schedule.observes(step):
-            self._observe(state, gradients, rendering)
-        position = self.method.rates * self.schedule.position_rate(step)
-        rates = self._fixed_rates | {"means": position}
-        state.adam.step(state.splats, gradients, rates, self.threads)
+            self._observe(state, seen, rendering)
         if self.schedule.densifies(step):
             self._densify(state, step)
         if self.schedule.resets(step):
@@ -145,27 +143,32 @@ class Trainer:
         state.step = step
         return StepResult(loss.loss, loss.plain_l1, loss.ssim, rendering.image, target)
 
-    def _backward(self, index: int, rendering: Rendering, grad: Tensor, step: int) -> Gradients:
-        """Go back, with the sums per splat that the method needs and no others."""
-        method, observed = self.method, self.schedule.observes(step)
+    def _descend(
+        self, state: TrainingState, index: int, rendering: Rendering, grad: Tensor
+    ) -> Seen:
+        """Move the splats, with the sums per splat that the method needs and no others."""
+        method, step = self.method, state.step + 1
+        observed = self.schedule.observes(step)
         blends = method.wants_blending and observed
-        return backward(
+        position = method.rates * self.schedule.position_rate(step)
+        return state.adam.descend(
             rendering,
             grad,
+            self._fixed_rates | {"means": position},
             pixel_map=self.attention(index) if blends else None,
             statistics=blends or (observed and method.densify == "absolute"),
             memory=self._memory,
         )
 
-    def _observe(self, state: TrainingState, gradients: Gradients, rendering: Rendering) -> None:
+    def _observe(self, state: TrainingState, seen: Seen, rendering: Rendering) -> None:
         """Note what this step saw of each splat, for the next densification."""
         height, width = rendering.alpha.shape
         absolute = self.method.densify == "absolute"
-        means2d = gradients.means2d_abs if absolute else gradients.means2d
+        means2d = seen.means2d_abs if absolute else seen.means2d
         state.record.observe(means2d, rendering.radii, width, height)
         if self.method.wants_blending:
-            state.record.weight += gradients.weight
-            state.record.attention += gradients.weighted_map
+            state.record.weight += seen.weight
+            state.record.attention += seen.weighted_map
 
     def weights(self, index: int) -> Tensor | None:
         """Return the L1 weights of a view [H, W], or None; computed once."""
@@ -286,10 +289,3 @@ def _unit(values: Bytes, memory: Memory | None = None) -> Tensor:
     stored = torch.from_numpy(values)
     out = torch.empty(stored.shape) if memory is None else memory.take("unit", *stored.shape)
     return torch.div(stored, 255, out=out)
-
-
-def _refuse_nan(gradients: Gradients, step: int) -> None:
-    for name in FIELDS:
-        # a sum is finite unless a part is not (or 1e38 is reached, which is as bad)
-        if not math.isfinite(float(getattr(gradients, name).sum())):
-            raise StageError(f"step {step}: the gradient of `{name}` is not finite")

@@ -22,6 +22,8 @@ constexpr float HALF_LOG2E = 0.7213475204444817f;
 constexpr float LN2 = 0.6931471805599453f;
 constexpr float LOG_SCALE_LIMIT = 40.0f;        // e^40: keeps float32 finite, far beyond any scene
 constexpr int SH_REST = 15;
+constexpr int FIELDS = 6;                       // of SplatArrays
+constexpr int COLOUR_FLOATS = 12;               // colour, and its derivatives by the mean
 
 struct Camera {
     float rotation[9];     // world to camera, row major
@@ -133,46 +135,59 @@ struct LossSums {               // over one row's values
     double l1, weighted, ssim, weighted_ssim;
 };
 
-struct AdamStep {
-    float* values;
-    const float* grads;
-    float* first_moments;
-    float* second_moments;
-    int64_t count;
-    float rate, beta1, beta2, epsilon;
-    float correction1, correction2;  // 1 / (1 - beta^t)
+struct ProjectOutputs {
+    Projected* projected;
+    float *depths, *radii, *means2d;
+    float* colours;
 };
 
+// What going back needs from the pixels and from project().
 struct SplatSums {
     const uint32_t* pairs;      // by splat: how many,
     const uint32_t* first_slot; // and the first of their slots
     const float* slots;
+    const float* colours;       // as project() left them
     bool statistics;
 };
 
-struct SplatGradients {
-    SplatArrays<float> parameters;
+struct SplatStatistics {
     float *means2d, *means2d_abs, *weight, *weighted_map;
+};
+
+struct AdamSettings {
+    float beta1, beta2, epsilon;
+    float correction1, correction2;  // 1 / (1 - beta^t)
+};
+
+// Adam on all parameters of the splats: one rate each, in the order of SplatArrays.
+struct Descent {
+    SplatArrays<float> values, first_moments, second_moments;
+    float rates[FIELDS];
+    AdamSettings adam;
 };
 
 // One instruction set's kernels; all work on ranges, none allocates or throws.
 struct Kernels {
     const char* name;
     int lanes;
-    // Splats [first, last): fills projected, depths, radii, means2d; depth 0 = not visible.
-    // Returns how many have a parameter that is NaN or infinite.
+    // Splats [first, last): fills projected, depths, radii, means2d; depth 0 = not visible. Unless
+    // null, `colours` gets what going back needs, COLOUR_FLOATS a splat; `first` is a multiple of
+    // 16 then. Returns how many have a parameter that is NaN or infinite.
     int64_t (*project)(const SplatArrays<const float>&, const Camera&, int sh_degree, int64_t first,
-                       int64_t last, Projected*, float* depths, float* radii, float* means2d);
+                       int64_t last, const ProjectOutputs&);
     // dL/dparameters of splats [first, last) from the sums of their pairs.
     void (*project_backward)(const SplatArrays<const float>&, const Camera&, int sh_degree,
                              int64_t first, int64_t last, const SplatSums&,
-                             const SplatGradients&);
+                             const SplatArrays<float>& gradients, const SplatStatistics&);
+    // The same, and at once a step of Adam: gradients never leave the cache. At degree 0 `sh_rest`
+    // is left alone. Returns a bit for each field that has a gradient which is not finite.
+    uint32_t (*descend)(const Camera&, int sh_degree, int64_t first, int64_t last,
+                        const SplatSums&, const Descent&, const SplatStatistics&);
     void (*bin)(BinningChunk&);
     void (*forward)(ForwardTile&);
     void (*backward)(const BackwardTile&);
     // Rows [first, last): gradient and one LossSums a row; scratch holds loss_scratch(width).
     void (*loss)(const LossImages&, int32_t first, int32_t last, LossSums*, float* scratch);
-    void (*adam)(const AdamStep&);
     // Multiply-adds on registers alone; returns how many floating-point operations.
     double (*multiply_add)(int64_t rounds, float* sink);
 };

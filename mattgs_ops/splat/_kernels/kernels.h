@@ -8,9 +8,13 @@ namespace MATTGS_ISA {
 
 // project.cpp
 int64_t project(const SplatArrays<const float>&, const Camera&, int sh_degree, int64_t first,
-                int64_t last, Projected*, float* depths, float* radii, float* means2d);
+                int64_t last, const ProjectOutputs&);
+// project_back.cpp
 void project_backward(const SplatArrays<const float>&, const Camera&, int sh_degree, int64_t first,
-                      int64_t last, const SplatSums&, const SplatGradients&);
+                      int64_t last, const SplatSums&, const SplatArrays<float>& gradients,
+                      const SplatStatistics&);
+uint32_t descend(const Camera&, int sh_degree, int64_t first, int64_t last, const SplatSums&,
+                 const Descent&, const SplatStatistics&);
 // binning.cpp
 void bin(BinningChunk&);
 // forward.cpp, backward.cpp
@@ -18,8 +22,6 @@ void forward(ForwardTile&);
 void backward(const BackwardTile&);
 // loss.cpp
 void loss(const LossImages&, int32_t first, int32_t last, LossSums*, float* scratch);
-// adam.cpp
-void adam(const AdamStep&);
 // peak.cpp
 double multiply_add(int64_t rounds, float* sink);
 

@@ -27,10 +27,10 @@ using In = nb::ndarray<const float, nb::c_contig, nb::device::cpu>;
 using Out = nb::ndarray<float, nb::c_contig, nb::device::cpu>;
 using SplatsIn = std::tuple<In, In, In, In, In, In>;
 using SplatsOut = std::tuple<Out, Out, Out, Out, Out, Out>;
+using StatisticsOut = std::tuple<Out, Out, Out, Out>;
 
 const Kernels* active = nullptr;
 constexpr int MAX_THREADS = 1024;
-constexpr int64_t ADAM_VALUES_PER_TASK = 1 << 15;
 
 template <class Array>
 auto data_of(const Array& a, std::initializer_list<int64_t> shape, const char* name) {
@@ -96,25 +96,63 @@ void render(Rendering& rendering, const SplatsIn& splats, const Out& image, cons
     *bad = rendering.forward(s, out);
 }
 
-void backward(Rendering& rendering, const SplatsIn& splats, const In& grad_image,
-              const std::optional<In>& grad_alpha, const std::optional<In>& pixel_map,
-              const SplatsOut& grads, const Out& means2d, const Out& means2d_abs,
-              const Out& weight, const Out& weighted_map, bool statistics) {
-    const auto s = splats_of<const float>(splats);
+AdamSettings adam_settings(const std::array<double, 3>& betas_and_epsilon, int64_t step) {
+    const auto [beta1, beta2, epsilon] = betas_and_epsilon;
+    const auto correction = [&](double beta) {
+        return static_cast<float>(1.0 / (1.0 - std::pow(beta, static_cast<double>(step))));
+    };
+    return {static_cast<float>(beta1), static_cast<float>(beta2), static_cast<float>(epsilon),
+            correction(beta1), correction(beta2)};
+}
+
+BackwardInputs pixels_of(const Rendering& rendering, int64_t count, const In& grad_image,
+                         const std::optional<In>& grad_alpha,
+                         const std::optional<In>& pixel_map) {
+    if (count != rendering.count())
+        throw nb::value_error("another number of splats than was rendered");
+    if (!rendering.differentiable()) throw nb::value_error("rendered without a way back");
     const Camera& c = rendering.camera();
-    if (s.count != rendering.count())
-        throw nb::value_error("backward: another number of splats than was rendered");
     BackwardInputs in{data_of(grad_image, {c.height, c.width, 3}, "grad_image"), nullptr, nullptr};
     if (grad_alpha) in.grad_alpha = data_of(*grad_alpha, {c.height, c.width}, "grad_alpha");
     if (pixel_map) in.pixel_map = data_of(*pixel_map, {c.height, c.width}, "pixel_map");
-    const int64_t kept = statistics ? s.count : 0;
-    const SplatGradients out{splats_of<float>(grads), data_of(means2d, {s.count, 2}, "means2d"),
-                              data_of(means2d_abs, {kept, 2}, "means2d_abs"),
-                              data_of(weight, {kept}, "weight"),
-                              data_of(weighted_map, {kept}, "weighted_map")};
-    if (out.parameters.count != s.count) throw nb::value_error("gradients: unexpected shape");
+    return in;
+}
+
+SplatStatistics statistics_of(const StatisticsOut& seen, int64_t count, bool statistics) {
+    const int64_t kept = statistics ? count : 0;
+    return {data_of(std::get<0>(seen), {count, 2}, "means2d"),
+            data_of(std::get<1>(seen), {kept, 2}, "means2d_abs"),
+            data_of(std::get<2>(seen), {kept}, "weight"),
+            data_of(std::get<3>(seen), {kept}, "weighted_map")};
+}
+
+void backward(Rendering& rendering, const SplatsIn& splats, const In& grad_image,
+              const std::optional<In>& grad_alpha, const std::optional<In>& pixel_map,
+              const SplatsOut& grads, const StatisticsOut& seen, bool statistics) {
+    const auto s = splats_of<const float>(splats);
+    const auto out = splats_of<float>(grads);
+    const BackwardInputs in = pixels_of(rendering, s.count, grad_image, grad_alpha, pixel_map);
+    const SplatStatistics to = statistics_of(seen, s.count, statistics);
+    if (out.count != s.count) throw nb::value_error("gradients: unexpected shape");
     const nb::gil_scoped_release release;
-    rendering.backward(s, in, out, statistics);
+    rendering.backward(s, in, out, to, statistics);
+}
+
+uint32_t descend(Rendering& rendering, const SplatsOut& splats, const In& grad_image,
+                 const std::optional<In>& pixel_map, const SplatsOut& first,
+                 const SplatsOut& second, const std::array<double, FIELDS>& rates,
+                 const std::array<double, 3>& settings, int64_t step, const StatisticsOut& seen,
+                 bool statistics) {
+    Descent to{splats_of<float>(splats), splats_of<float>(first), splats_of<float>(second), {},
+               adam_settings(settings, step)};
+    const int64_t count = to.values.count;
+    if (to.first_moments.count != count || to.second_moments.count != count)
+        throw nb::value_error("moments: unexpected shape");
+    std::copy(rates.begin(), rates.end(), to.rates);
+    const BackwardInputs in = pixels_of(rendering, count, grad_image, std::nullopt, pixel_map);
+    const SplatStatistics out = statistics_of(seen, count, statistics);
+    const nb::gil_scoped_release release;
+    return rendering.descend(in, to, out, statistics);
 }
 
 std::tuple<double, double, double, double> loss(const In& image, const In& target,
@@ -138,36 +176,6 @@ std::tuple<double, double, double, double> loss(const In& image, const In& targe
     const double values = 3.0 * static_cast<double>(h) * static_cast<double>(w);
     return {sums.weighted / values, sums.l1 / values, sums.ssim / values,
             sums.weighted_ssim / values};
-}
-
-void adam(const Out& values, const In& grads, const Out& first, const Out& second, double rate,
-          double beta1, double beta2, double epsilon, int64_t step, int threads) {
-    const int64_t n = static_cast<int64_t>(values.size());
-    if (static_cast<int64_t>(grads.size()) != n || static_cast<int64_t>(first.size()) != n ||
-        static_cast<int64_t>(second.size()) != n)
-        throw nb::value_error("adam: sizes differ");
-    checked_threads(threads);
-    AdamStep s{};
-    s.rate = static_cast<float>(rate);
-    s.beta1 = static_cast<float>(beta1);
-    s.beta2 = static_cast<float>(beta2);
-    s.epsilon = static_cast<float>(epsilon);
-    s.correction1 = static_cast<float>(1.0 / (1.0 - std::pow(beta1, static_cast<double>(step))));
-    s.correction2 = static_cast<float>(1.0 / (1.0 - std::pow(beta2, static_cast<double>(step))));
-    float* p[3] = {values.data(), first.data(), second.data()};
-    const float* g = grads.data();
-    const nb::gil_scoped_release release;
-    const int64_t tasks = (n + ADAM_VALUES_PER_TASK - 1) / ADAM_VALUES_PER_TASK;
-    parallel(threads, tasks, [&](int64_t t) {
-        const int64_t at = t * ADAM_VALUES_PER_TASK;
-        AdamStep part = s;
-        part.values = p[0] + at;
-        part.first_moments = p[1] + at;
-        part.second_moments = p[2] + at;
-        part.grads = g + at;
-        part.count = std::min(ADAM_VALUES_PER_TASK, n - at);
-        active->adam(part);
-    });
 }
 
 bool use(const std::string& name) {
@@ -194,14 +202,15 @@ NB_MODULE(_engine, m) {
             "__init__",
             [](Rendering* self, const std::array<double, 9>& r, const std::array<double, 3>& t,
                const std::array<double, 4>& k, int width, int height,
-               const std::array<float, 3>& background, int sh_degree, int threads) {
+               const std::array<float, 3>& background, int sh_degree, int threads,
+               bool differentiable) {
                 if (sh_degree < 0 || sh_degree > 3)
                     throw nb::value_error("sh_degree: expected 0 to 3");
                 new (self) Rendering(*active, camera_of(r, t, k, width, height), background.data(),
-                                     sh_degree, checked_threads(threads));
+                                     sh_degree, checked_threads(threads), differentiable);
             },
             "rotation"_a, "translation"_a, "intrinsics"_a, "width"_a, "height"_a, "background"_a,
-            "sh_degree"_a, "threads"_a)
+            "sh_degree"_a, "threads"_a, "differentiable"_a)
         .def("forward",
              [](Rendering& self, const SplatsIn& splats, const Out& image, const Out& alpha,
                 const Out& radii, const Out& means2d) {
@@ -211,15 +220,15 @@ NB_MODULE(_engine, m) {
              })
         .def("backward", &backward, nb::arg("splats"), nb::arg("grad_image"),
              nb::arg("grad_alpha").none(), nb::arg("pixel_map").none(), nb::arg("grads"),
-             nb::arg("means2d"), nb::arg("means2d_abs"), nb::arg("weight"),
-             nb::arg("weighted_map"), nb::arg("statistics"))
+             nb::arg("seen"), nb::arg("statistics"))
+        .def("descend", &descend, nb::arg("splats"), nb::arg("grad_image"),
+             nb::arg("pixel_map").none(), nb::arg("first_moments"), nb::arg("second_moments"),
+             nb::arg("rates"), nb::arg("settings"), nb::arg("step"), nb::arg("seen"),
+             nb::arg("statistics"))
         .def_prop_ro("pairs", &Rendering::pairs)
         .def_prop_ro("evaluated", &Rendering::evaluated)
         .def_prop_ro("seconds", &Rendering::seconds)
         .def_prop_ro("workspace_bytes", &Rendering::bytes);
     m.def("photometric_loss", &loss, nb::arg("image"), nb::arg("target"), nb::arg("weight").none(),
           nb::arg("weight_ssim"), nb::arg("ssim_lambda"), nb::arg("threads"), nb::arg("grad"));
-    m.def("adam", &adam, nb::arg("values"), nb::arg("grads"), nb::arg("first_moments"),
-          nb::arg("second_moments"), nb::arg("rate"), nb::arg("beta1"), nb::arg("beta2"),
-          nb::arg("epsilon"), nb::arg("step"), nb::arg("threads"));
 }

@@ -9,8 +9,15 @@ namespace mattgs {
 namespace MATTGS_ISA {
 
 const Kernels& table() {
-    static constexpr Kernels kernels = {MATTGS_TEXT(MATTGS_ISA), LANES,   project, project_backward,
-                                        bin,                     forward, backward, loss, adam,
+    static constexpr Kernels kernels = {MATTGS_TEXT(MATTGS_ISA),
+                                        LANES,
+                                        project,
+                                        project_backward,
+                                        descend,
+                                        bin,
+                                        forward,
+                                        backward,
+                                        loss,
                                         multiply_add};
     return kernels;
 }

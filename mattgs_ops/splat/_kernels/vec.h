@@ -80,6 +80,12 @@ MATTGS_INLINE F sqrt(F v) {
     return r;
 }
 
+MATTGS_INLINE F ceil(F v) {
+    F r;
+    for (int i = 0; i < LANES; ++i) r[i] = __builtin_ceilf(v[i]);
+    return r;
+}
+
 // 2^p for p in [-126, 127], relative error below 3e-6 (minimax polynomial of degree 4 on half an
 // octave to either side, found by Lawson's algorithm); other p give garbage, never a trap.
 MATTGS_INLINE F exp2_fast(F p) {

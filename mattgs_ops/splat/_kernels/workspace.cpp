@@ -3,6 +3,7 @@
 #include <time.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cstring>
 #include <limits>
 #include <mutex>
@@ -15,6 +16,7 @@ namespace mattgs {
 namespace {
 
 constexpr int64_t SPLATS_PER_TASK = 1024;
+constexpr int64_t MOST_LANES = 16;
 constexpr int64_t PREFETCH_SPLATS = 16;  // in depth order they lie anywhere
 
 // Workspaces of renderings that are gone, kept so that a training loop allocates nothing.
@@ -69,8 +71,8 @@ int64_t ceil_div(int64_t a, int64_t b) { return (a + b - 1) / b; }
 }  // namespace
 
 int64_t Workspace::bytes() const {
-    int64_t sum = unsorted.bytes() + sorted.bytes() + depths.bytes() + slots.bytes() +
-                  scratch.bytes() + keys.bytes() + keys_spare.bytes() + order.bytes() +
+    int64_t sum = unsorted.bytes() + sorted.bytes() + depths.bytes() + colours.bytes() +
+                  slots.bytes() + scratch.bytes() + keys.bytes() + keys_spare.bytes() + order.bytes() +
                   splat_pairs.bytes() + first_slot.bytes() + slot_of.bytes() + pairs.bytes() +
                   pixels.bytes();
     for (const Chunk& c : chunks) sum += c.pairs.bytes() + c.tiles.bytes();
@@ -78,11 +80,12 @@ int64_t Workspace::bytes() const {
 }
 
 Rendering::Rendering(const Kernels& kernels, const Camera& camera, const float background[3],
-                     int sh_degree, int threads)
+                     int sh_degree, int threads, bool differentiable)
     : kernels_(kernels),
       camera_(camera),
       sh_degree_(sh_degree),
       threads_(threads),
+      differentiable_(differentiable),
       tiles_x_(static_cast<int32_t>(ceil_div(camera.width, TILE))),
       tiles_y_(static_cast<int32_t>(ceil_div(camera.height, TILE))),
       work_(take_workspace()) {
@@ -93,15 +96,16 @@ Rendering::~Rendering() { give_workspace(std::move(work_)); }
 
 int64_t Rendering::project(const SplatArrays<const float>& splats, const RenderOutputs& out) {
     Workspace& w = *work_;
-    w.unsorted.fit(count_);
-    w.depths.fit(count_);
+    const ProjectOutputs to{
+        w.unsorted.fit(count_), w.depths.fit(count_), out.radii, out.means2d,
+        differentiable_ ? w.colours.fit(COLOUR_FLOATS * (count_ + MOST_LANES)) : nullptr};
     const int64_t tasks = ceil_div(count_, SPLATS_PER_TASK);
     std::vector<int64_t> bad(static_cast<std::size_t>(tasks));
     parallel(threads_, tasks, [&](int64_t t) {
         const int64_t first = t * SPLATS_PER_TASK;
         bad[static_cast<std::size_t>(t)] = kernels_.project(
             splats, camera_, sh_degree_, first, std::min(first + SPLATS_PER_TASK, count_),
-            w.unsorted.data(), w.depths.data(), out.radii, out.means2d);
+            to);
     });
     return std::accumulate(bad.begin(), bad.end(), int64_t{0});
 }
@@ -285,9 +289,7 @@ int64_t Rendering::forward(const SplatArrays<const float>& splats, const RenderO
     return 0;
 }
 
-void Rendering::backward(const SplatArrays<const float>& splats, const BackwardInputs& in,
-                         const SplatGradients& out, bool statistics) {
-    Stopwatch watch(threads_);
+SplatSums Rendering::composite_back(const BackwardInputs& in, bool statistics) {
     Workspace& w = *work_;
     const int64_t size = statistics ? SLOT_SIZE : SLOT_SIZE_PLAIN;
     w.slots.fit(pair_count_ * size + SLOT_SIZE);
@@ -307,14 +309,37 @@ void Rendering::backward(const SplatArrays<const float>& splats, const BackwardI
         job.processed = w.processed[static_cast<std::size_t>(t)];
         kernels_.backward(job);
     });
+    return {w.splat_pairs.data(), w.first_slot.data(), w.slots.data(), w.colours.data(),
+            statistics};
+}
+
+void Rendering::backward(const SplatArrays<const float>& splats, const BackwardInputs& in,
+                         const SplatArrays<float>& out, const SplatStatistics& seen,
+                         bool statistics) {
+    Stopwatch watch(threads_);
+    const SplatSums sums = composite_back(in, statistics);
     watch.lap(seconds_[4]);
-    const SplatSums sums{w.splat_pairs.data(), w.first_slot.data(), w.slots.data(), statistics};
     parallel(threads_, ceil_div(count_, SPLATS_PER_TASK), [&](int64_t t) {
         const int64_t first = t * SPLATS_PER_TASK;
         kernels_.project_backward(splats, camera_, sh_degree_, first,
-                                  std::min(first + SPLATS_PER_TASK, count_), sums, out);
+                                  std::min(first + SPLATS_PER_TASK, count_), sums, out, seen);
     });
     watch.lap(seconds_[5]);
+}
+
+uint32_t Rendering::descend(const BackwardInputs& in, const Descent& to,
+                            const SplatStatistics& seen, bool statistics) {
+    Stopwatch watch(threads_);
+    const SplatSums sums = composite_back(in, statistics);
+    watch.lap(seconds_[4]);
+    std::atomic<uint32_t> broken{0};
+    parallel(threads_, ceil_div(count_, SPLATS_PER_TASK), [&](int64_t t) {
+        const int64_t first = t * SPLATS_PER_TASK;
+        broken |= kernels_.descend(camera_, sh_degree_, first,
+                                   std::min(first + SPLATS_PER_TASK, count_), sums, to, seen);
+    });
+    watch.lap(seconds_[5]);
+    return broken;
 }
 
 int64_t Rendering::evaluated() const {

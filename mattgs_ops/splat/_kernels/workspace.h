@@ -68,7 +68,7 @@ struct Chunk {  // what one thread bins
 
 struct Workspace {
     Buffer<Projected> unsorted, sorted;
-    Buffer<float> depths, slots, scratch;
+    Buffer<float> depths, colours, slots, scratch;
     Buffer<uint64_t> keys, keys_spare;
     Buffer<uint32_t> order, splat_pairs, first_slot, slot_of;
     Buffer<Pair> pairs;
@@ -91,8 +91,9 @@ struct BackwardInputs {
 // One rendering: what backward() needs to know of it.
 class Rendering {
 public:
+    // `differentiable`: whether one of the ways back will follow.
     Rendering(const Kernels& kernels, const Camera& camera, const float background[3],
-              int sh_degree, int threads);
+              int sh_degree, int threads, bool differentiable);
     ~Rendering();
     Rendering(const Rendering&) = delete;
     Rendering& operator=(const Rendering&) = delete;
@@ -100,9 +101,13 @@ public:
     // Returns the number of splats with a NaN or infinite parameter; if any, nothing was drawn.
     int64_t forward(const SplatArrays<const float>& splats, const RenderOutputs& out);
     void backward(const SplatArrays<const float>& splats, const BackwardInputs& in,
-                  const SplatGradients& out, bool statistics);
+                  const SplatArrays<float>& out, const SplatStatistics& seen, bool statistics);
+    // The same with a step of Adam, see Kernels::descend.
+    uint32_t descend(const BackwardInputs& in, const Descent& to, const SplatStatistics& seen,
+                     bool statistics);
 
     int64_t count() const { return count_; }
+    bool differentiable() const { return differentiable_; }
     const Camera& camera() const { return camera_; }
     int64_t pairs() const { return pair_count_; }
     int64_t evaluated() const;  // splat-pixel pairs looked at, both sides of the ellipse's rim
@@ -115,12 +120,14 @@ private:
     void sort();
     void bin();
     void scatter(float* radii);
+    SplatSums composite_back(const BackwardInputs& in, bool statistics);
     TileView tile(int64_t t) const;
 
     const Kernels& kernels_;
     Camera camera_;
     float background_[3];
     int sh_degree_, threads_;
+    bool differentiable_;
     int32_t tiles_x_, tiles_y_;
     int64_t count_ = 0, visible_ = 0, pair_count_ = 0;
     std::unique_ptr<Workspace> work_;

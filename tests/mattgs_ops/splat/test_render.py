@@ -1,6 +1,7 @@
 """Eight bits from floats, and a rate that is views over seconds."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -34,10 +35,10 @@ def test_the_rate_is_views_over_seconds_and_the_warm_up_does_not_count(
     """A clock that renderings alone advance: 10 ms for the first view, 30 ms for the second."""
     now, rendered = [0.0], []
 
-    def slow(splats: Splats, camera: Camera, *colour: object, threads: int) -> Rendering:
+    def slow(splats: Splats, camera: Camera, *colour: object, **options: Any) -> Rendering:
         rendered.append(camera)
         now[0] += 0.01 if camera is cameras[0] else 0.03
-        return render(splats, camera, *colour, threads=threads)
+        return render(splats, camera, *colour, **options)
 
     cameras = make_cameras(2, 8, 8)
     monkeypatch.setattr(render_module, "render", slow)

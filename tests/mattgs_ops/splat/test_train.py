@@ -17,9 +17,10 @@ from mattgs_ops.scene import Scene, SparsePoints
 from mattgs_ops.splat import trainer as trainer_module
 from mattgs_ops.splat.photos import load_view
 from mattgs_ops.splat.ply import read_ply
-from mattgs_ops.splat.rasterize import Gradients, Rendering, render
+from mattgs_ops.splat.rasterize import render
 from mattgs_ops.splat.render import render_view
 from mattgs_ops.splat.report import TrainingReport
+from mattgs_ops.splat.ssim import PhotometricLoss
 from mattgs_ops.splat.train import train
 
 STEPS = 60
@@ -313,16 +314,16 @@ def test_starting_points_without_attention_are_dropped_but_never_nearly_all(
 
 
 def test_nan_names_step_and_parameter(run: Train, monkeypatch: pytest.MonkeyPatch) -> None:
-    honest, calls = trainer_module.backward, []
+    honest, calls = trainer_module.photometric_loss, []
 
-    def spoilt(rendering: Rendering, grad: torch.Tensor, **options: Any) -> Gradients:
-        gradients = honest(rendering, grad, **options)
+    def spoilt(image: torch.Tensor, target: torch.Tensor, **options: Any) -> PhotometricLoss:
+        loss = honest(image, target, **options)
         calls.append(1)
         if len(calls) == 4:
-            gradients.log_scales[2, 1] = float("nan")
-        return gradients
+            loss.grad[:] = float("nan")
+        return loss
 
-    monkeypatch.setattr(trainer_module, "backward", spoilt)
+    monkeypatch.setattr(trainer_module, "photometric_loss", spoilt)
     with pytest.raises(StageError, match=r"step 4.*`log_scales`"):
         run("a")
 

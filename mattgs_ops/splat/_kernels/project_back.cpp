@@ -1,0 +1,275 @@
+// Gradients of the splats' parameters from sums over pixels: the projection and the colour gone back.
+// Either they are written out, or Adam uses them at once. LANES splats at a time.
+#include "adam.h"
+#include "geometry.h"
+#include "kernels.h"
+
+namespace mattgs {
+namespace MATTGS_ISA {
+namespace {
+
+// Sums of the pairs of LANES splats, one vector per slot; always added in the same order.
+MATTGS_INLINE void sum_slots(const SplatSums& in, int64_t n, int lanes, F sums[SLOT_SIZE]) {
+    alignas(64) float rows[LANES][SLOT_SIZE];
+    const int size = in.statistics ? SLOT_SIZE : SLOT_SIZE_PLAIN;
+    const float* slot = in.slots + (int64_t)in.first_slot[n] * size;
+    for (int i = 0; i < LANES; ++i) {
+        const uint32_t count = i < lanes ? in.pairs[n + i] : 0;
+        F8 low = {}, high = {};
+        for (uint32_t k = 0; k < count; ++k, slot += size) {
+            low += *reinterpret_cast<const FU8*>(slot);
+            // a plain slot ends four floats earlier: what follows is the next one's, and unused
+            high += *reinterpret_cast<const FU8*>(slot + 8);
+        }
+        __builtin_memcpy(rows[i], &low, 32);
+        __builtin_memcpy(rows[i] + 8, &high, 32);
+    }
+    gather_rows<SLOT_SIZE>(rows[0], LANES, sums);
+}
+
+MATTGS_INLINE void rotation_gradient(const F q[4], F q_scale, const F g[3][3], F out[4]) {
+    const F w = q[0], x = q[1], y = q[2], z = q[3];
+    F d[4];
+    d[0] = z * (g[1][0] - g[0][1]) + y * (g[0][2] - g[2][0]) + x * (g[2][1] - g[1][2]);
+    d[1] = y * (g[0][1] + g[1][0]) + z * (g[0][2] + g[2][0]) + w * (g[2][1] - g[1][2]) -
+           2.0f * x * (g[1][1] + g[2][2]);
+    d[2] = x * (g[0][1] + g[1][0]) + w * (g[0][2] - g[2][0]) + z * (g[1][2] + g[2][1]) -
+           2.0f * y * (g[0][0] + g[2][2]);
+    d[3] = w * (g[1][0] - g[0][1]) + x * (g[0][2] + g[2][0]) + y * (g[1][2] + g[2][1]) -
+           2.0f * z * (g[0][0] + g[1][1]);
+    const F along = w * d[0] + x * d[1] + y * d[2] + z * d[3];
+    for (int i = 0; i < 4; ++i) out[i] = 2.0f * q_scale * (d[i] - q[i] * along);
+}
+
+struct Gradients2d {
+    F x, y, xx, xy, yy;  // of the mean and of the covariance, xy as one variable
+};
+
+// From sums over pixels to the gradient of what project() wrote; see Projected.
+MATTGS_INLINE Gradients2d gradients_2d(const F sums[SLOT_SIZE], const Covariance& v) {
+    const F yy = narrow(v.yy), k = narrow(-v.xy / v.yy);
+    const F schur = narrow(v.det / v.yy);
+    const F sx = sqrt(HALF_LOG2E / schur), fall = HALF_LOG2E / yy;
+    Gradients2d g;
+    g.x = 2.0f * LN2 * sx * sums[SUM_QU];
+    g.y = 2.0f * LN2 * (sx * k * sums[SUM_QU] + fall * sums[SUM_QY]);
+    const F d_schur = LN2 * sums[SUM_QUU] / schur;
+    const F d_k = -2.0f * LN2 * sx * sums[SUM_QUY];
+    const F d_fall = -LN2 * sums[SUM_QYY];
+    g.xx = d_schur;
+    g.xy = 2.0f * k * d_schur - d_k / yy;
+    g.yy = k * k * d_schur - (d_k * k + d_fall * fall) / yy;
+    return g;
+}
+
+struct Gradients3d {
+    F mean[3], log_scale[3], quat[4];
+};
+
+MATTGS_INLINE Gradients3d gradients_3d(const Geometry& g, const Gradients2d& d,
+                                       const F log_scale[3], const Camera& c) {
+    Gradients3d out;
+    F dm[2][3], da[2][3], dr[3][3];
+    for (int j = 0; j < 3; ++j) {
+        dm[0][j] = 2.0f * d.xx * g.m[0][j] + d.xy * g.m[1][j];
+        dm[1][j] = 2.0f * d.yy * g.m[1][j] + d.xy * g.m[0][j];
+        const F inside = dm[0][j] * g.m[0][j] + dm[1][j] * g.m[1][j];
+        out.log_scale[j] = keep(inside, abs(log_scale[j]) <= LOG_SCALE_LIMIT);
+    }
+    for (int j = 0; j < 3; ++j)
+        for (int i = 0; i < 3; ++i)
+            dr[i][j] = g.scale[j] * (dm[0][j] * g.a[0][i] + dm[1][j] * g.a[1][i]);
+    rotation_gradient(g.q, g.q_scale, dr, out.quat);
+
+    const float* w = c.rotation;
+    const float focal[2] = {c.fx, c.fy};
+    const F d2[2] = {d.x, d.y};
+    F local[3] = {F{}, F{}, F{}};
+    for (int i = 0; i < 2; ++i) {
+        for (int k = 0; k < 3; ++k)
+            da[i][k] = dm[i][0] * g.scale[0] * g.r[k][0] + dm[i][1] * g.scale[1] * g.r[k][1] +
+                       dm[i][2] * g.scale[2] * g.r[k][2];
+        const F f = focal[i] / g.z;
+        const F d_ratio = keep(-f * (da[i][0] * w[6] + da[i][1] * w[7] + da[i][2] * w[8]),
+                               g.unclamped[i]);
+        const F along = da[i][0] * g.a[i][0] + da[i][1] * g.a[i][1] + da[i][2] * g.a[i][2];
+        const F d_position = d_ratio / g.z + d2[i] * f;
+        local[i] = d_position;
+        local[2] -= along / g.z + d_position * (g.local[i] / g.z);
+    }
+    for (int k = 0; k < 3; ++k)
+        out.mean[k] = w[k] * local[0] + w[3 + k] * local[1] + w[6 + k] * local[2];
+    return out;
+}
+
+constexpr int SH_FLOATS = 3 * SH_REST;
+constexpr int SH_ROW = 16;  // floats of a row of basis functions, 15 and one more
+
+// Gradients of LANES splats; those of sh_rest are the outer product of `basis` and `colour`.
+struct Gradients {
+    F mean[3], log_scale[3], quat[4], logit, dc[3];
+    F basis[SH_ROW], colour[3];
+    F centre[2], sums[SLOT_SIZE];
+};
+
+MATTGS_INLINE void colour_gradient(const float* kept, const Camera& c, int degree,
+                                   const F mean[3], I visible, Gradients& out) {
+    F d[3];
+    for (int k = 0; k < 3; ++k) {
+        out.colour[k] = keep(out.sums[SUM_RED + k], (load(kept + k * LANES) > 0.0f) & visible);
+        out.dc[k] = SH_0 * out.colour[k];
+    }
+    if (degree == 0) return;
+    view_direction(mean, c, d);
+    sh_basis(d, degree, out.basis);
+    out.basis[SH_ROW - 1] = F{};
+    for (int j = 0; j < 3; ++j)
+        for (int k = 0; k < 3; ++k)
+            out.mean[k] += load(kept + (3 + 3 * j + k) * LANES) * out.colour[j];
+}
+
+// Of splats [n, n + lanes); all zero where none of them was seen.
+MATTGS_INLINE Gradients gradients_of(const SplatArrays<const float>& s, const Camera& c, int degree,
+                                     int64_t n, int64_t last, const SplatSums& in) {
+    const int lanes = lanes_left(n, last);
+    I visible = I{};
+    for (int i = 0; i < lanes; ++i) visible[i] = in.pairs[n + i] ? -1 : 0;
+    Gradients out = {};
+    if (!any(visible)) return out;
+    sum_slots(in, n, lanes, out.sums);
+    const Inputs splat = read_inputs(s, n, last);
+    const Geometry g = geometry_of(splat.mean, splat.log_scale, splat.quat, c);
+    const Gradients2d flat = gradients_2d(out.sums, covariance_of(g));
+    const Gradients3d d = gradients_3d(g, flat, splat.log_scale, c);
+    for (int k = 0; k < 3; ++k) out.mean[k] = d.mean[k];
+    colour_gradient(in.colours + COLOUR_FLOATS * n, c, degree, splat.mean, visible, out);
+    out.logit = keep(out.sums[SUM_Q] * (1.0f - sigmoid(splat.logit)), visible);
+    for (int k = 0; k < 3; ++k) {
+        out.mean[k] = keep(out.mean[k], visible);
+        out.log_scale[k] = keep(d.log_scale[k], visible);
+    }
+    for (int k = 0; k < 4; ++k) out.quat[k] = keep(d.quat[k], visible);
+    out.centre[0] = keep(flat.x, visible);
+    out.centre[1] = keep(flat.y, visible);
+    return out;
+}
+
+MATTGS_INLINE void write_statistics(const Gradients& g, bool all_of_them, int64_t n, int lanes,
+                                    const SplatStatistics& to) {
+    scatter_rows<2>(g.centre, to.means2d + 2 * n, lanes);
+    if (!all_of_them) return;
+    const F absolute[2] = {2.0f * LN2 * g.sums[SUM_ABS_X], 2.0f * LN2 * g.sums[SUM_ABS_Y]};
+    scatter_rows<2>(absolute, to.means2d_abs + 2 * n, lanes);
+    scatter_rows<1>(&g.sums[SUM_W], to.weight + n, lanes);
+    scatter_rows<1>(&g.sums[SUM_WMAP], to.weighted_map + n, lanes);
+}
+
+// The gradients of sh_rest, [LANES][45]; writes one float beyond.
+MATTGS_INLINE void write_rest(const Gradients& g, float* to) {
+    alignas(64) float basis[LANES][SH_ROW], colour[LANES * 3 + 1];
+    scatter_rows<SH_ROW>(g.basis, basis[0], LANES);
+    scatter_rows<3>(g.colour, colour, LANES);
+    for (int i = 0; i < LANES; ++i, to += SH_FLOATS) {
+        F4 one;
+        __builtin_memcpy(&one, colour + 3 * i, 16);
+        const F8 c = MATTGS_SHUFFLE(one, one, 0, 1, 2, 0, 1, 2, 0, 1);
+        const F8 d = MATTGS_SHUFFLE(one, one, 2, 0, 1, 2, 0, 1, 2, 0);
+        // fifteen floats at a time, five functions by three channels; the sixteenth is overwritten
+        for (int k = 0; k < SH_REST; k += 5) {
+            const F8 b = *reinterpret_cast<const FU8*>(k < 10 ? basis[i] + k : basis[i] + 8);
+            const F8 low = k < 10 ? MATTGS_SHUFFLE(b, b, 0, 0, 0, 1, 1, 1, 2, 2)
+                                  : MATTGS_SHUFFLE(b, b, 2, 2, 2, 3, 3, 3, 4, 4);
+            const F8 high = k < 10 ? MATTGS_SHUFFLE(b, b, 2, 3, 3, 3, 4, 4, 4, 5)
+                                   : MATTGS_SHUFFLE(b, b, 4, 5, 5, 5, 6, 6, 6, 7);
+            *reinterpret_cast<FU8*>(to + 3 * k) = low * c;
+            *reinterpret_cast<FU8*>(to + 3 * k + 8) = high * d;
+        }
+    }
+}
+
+// Gradients of a few splats, laid out like their parameters: they stay in the first-level cache.
+constexpr int BLOCK = 64;
+static_assert(BLOCK % LANES == 0);
+
+struct Block {
+    alignas(64) float means[3 * BLOCK], log_scales[3 * BLOCK], quats[4 * BLOCK], logits[BLOCK];
+    alignas(64) float dc[3 * BLOCK], rest[SH_FLOATS * BLOCK + 16];
+
+    MATTGS_INLINE void set(const Gradients& g, int degree, int at) {
+        scatter_rows<3>(g.mean, means + 3 * at, LANES);
+        scatter_rows<3>(g.log_scale, log_scales + 3 * at, LANES);
+        scatter_rows<4>(g.quat, quats + 4 * at, LANES);
+        scatter_rows<1>(&g.logit, logits + at, LANES);
+        scatter_rows<3>(g.dc, dc + 3 * at, LANES);
+        if (degree > 0) write_rest(g, rest + SH_FLOATS * at);
+    }
+};
+
+// A bit for each field that has a gradient which is not finite.
+MATTGS_INLINE uint32_t broken_fields(const Gradients& g) {
+    F zero[FIELDS] = {F{}, F{}, F{}, g.logit * 0.0f, F{}, F{}};
+    for (int k = 0; k < 3; ++k) {
+        zero[0] += g.mean[k] * 0.0f;
+        zero[1] += g.log_scale[k] * 0.0f;
+        zero[4] += g.dc[k] * 0.0f;
+    }
+    for (int k = 0; k < 4; ++k) zero[2] += g.quat[k] * 0.0f;
+    uint32_t bits = 0;
+    for (int f = 0; f < FIELDS; ++f) bits |= any(zero[f] != zero[f]) ? 1u << f : 0u;
+    return bits;
+}
+
+}  // namespace
+
+void project_backward(const SplatArrays<const float>& s, const Camera& c, int degree, int64_t first,
+                      int64_t last, const SplatSums& in, const SplatArrays<float>& out,
+                      const SplatStatistics& statistics) {
+    for (int64_t n = first; n < last; n += LANES) {
+        const int lanes = lanes_left(n, last);
+        const Gradients g = gradients_of(s, c, degree, n, last, in);
+        scatter_rows<3>(g.mean, out.means + 3 * n, lanes);
+        scatter_rows<3>(g.log_scale, out.log_scales + 3 * n, lanes);
+        scatter_rows<4>(g.quat, out.quaternions + 4 * n, lanes);
+        scatter_rows<1>(&g.logit, out.opacity_logits + n, lanes);
+        scatter_rows<3>(g.dc, out.sh_dc + 3 * n, lanes);
+        float rest[SH_FLOATS * LANES + 16];
+        write_rest(g, rest);
+        __builtin_memcpy(out.sh_rest + SH_FLOATS * n, rest, sizeof(float) * SH_FLOATS * lanes);
+        write_statistics(g, in.statistics, n, lanes, statistics);
+    }
+}
+
+uint32_t descend(const Camera& c, int degree, int64_t first, int64_t last, const SplatSums& in,
+                 const Descent& to, const SplatStatistics& statistics) {
+    const SplatArrays<float>&v = to.values, &m = to.first_moments, &w = to.second_moments;
+    const SplatArrays<const float> s = {v.means,          v.log_scales, v.quaternions,
+                                        v.opacity_logits, v.sh_dc,      v.sh_rest, v.count};
+    uint32_t broken = 0;
+    Block block;
+    for (int64_t start = first; start < last; start += BLOCK) {
+        const int64_t end = start + BLOCK < last ? start + BLOCK : last;
+        for (int64_t n = start; n < end; n += LANES) {
+            const Gradients g = gradients_of(s, c, degree, n, last, in);
+            broken |= broken_fields(g);
+            block.set(g, degree, (int)(n - start));
+            write_statistics(g, in.statistics, n, lanes_left(n, last), statistics);
+        }
+        const auto move = [&](int field, float* values, const float* grads, float* first_moments,
+                              float* second_moments, int size) {
+            const int64_t at = size * start;
+            update_all(to.adam, to.rates[field],
+                       {values + at, grads, first_moments + at, second_moments + at},
+                       size * (end - start));
+        };
+        move(0, v.means, block.means, m.means, w.means, 3);
+        move(1, v.log_scales, block.log_scales, m.log_scales, w.log_scales, 3);
+        move(2, v.quaternions, block.quats, m.quaternions, w.quaternions, 4);
+        move(3, v.opacity_logits, block.logits, m.opacity_logits, w.opacity_logits, 1);
+        move(4, v.sh_dc, block.dc, m.sh_dc, w.sh_dc, 3);
+        if (degree > 0) move(5, v.sh_rest, block.rest, m.sh_rest, w.sh_rest, SH_FLOATS);
+    }
+    return broken;
+}
+
+}  // namespace MATTGS_ISA
+}  // namespace mattgs

@@ -9,7 +9,17 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from reports import figures, formats, page, paper, photo_figures, pictures, promoted, verdict
+from reports import (
+    figures,
+    formats,
+    origins,
+    page,
+    paper,
+    photo_figures,
+    pictures,
+    promoted,
+    verdict,
+)
 from reports.figures import Saved
 from reports.formats import Table
 from reports.pictures import Gallery
@@ -28,6 +38,8 @@ def build(
     summary: Mapping[str, Any] | None = None,
     baselines: Sequence[Row] = (),
     values: paper.PaperValues | None = None,
+    notes: Sequence[str] = (),
+    planned: int | None = None,
 ) -> Path:
     """Write the report of ``rows`` into ``out`` and return the path of ``report.html``.
 
@@ -35,8 +47,9 @@ def build(
     artifact is not on this disk) the pictures are left out and listed as missing. ``summary`` is
     printed under the title as label and value; None: the rows' settings and machines.
     ``baselines`` are the rows of the promoted runs, which are marked and compared with. ``values``
-    are the paper's own; None: those that come with the project. Raises
-    :class:`InputError` for rows that do not say which cell they belong to.
+    are the paper's own; None: those that come with the project. ``notes`` are sentences that a
+    reader must know; ``planned`` says how many experiments there are to be, None: as many as
+    rows. Raises :class:`InputError` for rows that do not say which cell they belong to.
     """
     rows = promoted.mark(rows, baselines)
     wrong = problems(rows)
@@ -54,7 +67,8 @@ def build(
     drawn = _draw(ordered, found, artifacts_root, out / "figures")
     whole = verdict.overall(good)
     judged = [*([] if whole is None else [whole]), *verdict.verdicts(good)]
-    line = verdict.summary_line(good)
+    line = verdict.summary_line(good, planned)
+    notes = [*notes, *origins.notes(good)]
     html = page.render(
         title=title,
         summary=line,
@@ -65,11 +79,11 @@ def build(
         galleries=found,
         root=artifacts_root,
         problems=wrong,
+        notes=notes,
     )
-    missing = [text for gallery in found for text in gallery.missing]
-    _write(
-        out / "report.md", _markdown(title, line, judged, tables, drawn, [*wrong, *missing], out)
-    )
+    missing = [*wrong, *pictures.told(found)]
+    words = _markdown(title, line, judged, notes, tables, drawn, missing, out)
+    _write(out / "report.md", words)
     path = out / "report.html"
     _write(path, html)
     return path
@@ -88,6 +102,7 @@ def _markdown(
     title: str,
     line: str,
     judged: Sequence[verdict.Verdict],
+    notes: Sequence[str],
     tables: Sequence[Table],
     drawn: Sequence[Saved],
     missing: Sequence[str],
@@ -97,6 +112,8 @@ def _markdown(
     for one in judged:
         parts.append(f"- **{one.headline}**")
         parts += [f"  - {detail}" for detail in one.details]
+    if notes:
+        parts += ["", "To know when reading this:", "", *(f"- {text}" for text in notes)]
     parts += ["", "## Tables", ""]
     parts += [formats.markdown(table) for table in tables]
     if drawn:

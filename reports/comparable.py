@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from reports.rows import PROTOCOL, Row, row_problems
+from reports.rows import FIRST_PROTOCOL, Row, row_problems
 
 Provenance = Mapping[str, Any]
 
@@ -16,7 +16,7 @@ def reasons(candidate: Row, baseline: Row) -> list[str]:
         return found
     ours, theirs = candidate.get("provenance") or {}, baseline.get("provenance") or {}
     for name, mine, other in (
-        ("protocol", _protocol(candidate), _protocol(baseline)),
+        ("protocol", protocol_of(candidate), protocol_of(baseline)),
         ("configuration digest", ours.get("config_digest"), theirs.get("config_digest")),
     ):
         if mine != other or mine is None:
@@ -26,8 +26,9 @@ def reasons(candidate: Row, baseline: Row) -> list[str]:
     return found
 
 
-def _protocol(row: Row) -> Any:
-    return row.get("protocol", (row.get("provenance") or {}).get("protocol", PROTOCOL))
+def protocol_of(row: Row) -> Any:
+    """Return the version of what a row's numbers mean; rows from before it was noted have none."""
+    return row.get("protocol", (row.get("provenance") or {}).get("protocol", FIRST_PROTOCOL))
 
 
 def _inputs(ours: Provenance, theirs: Provenance) -> list[str]:

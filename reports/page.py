@@ -8,6 +8,7 @@ import base64
 import io
 import json
 import math
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from PIL import Image
 from reports import formats, splat_view
 from reports.figures import Saved
 from reports.formats import Table
-from reports.pictures import Gallery, artifact
+from reports.pictures import Gallery, artifact, told
 from reports.rows import background_name, capture_name, condition_name
 from reports.verdict import Verdict
 
@@ -51,6 +52,7 @@ def render(
     galleries: Sequence[Gallery],
     root: Path | None,
     problems: Sequence[str],
+    notes: Sequence[str] = (),
 ) -> str:
     """Return the page's HTML."""
     environment = jinja2.Environment(
@@ -60,6 +62,7 @@ def render(
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
     )
+    environment.filters["unbroken"] = _unbroken
     lanes = sum(len(found.conditions) + len(backgrounds(found)) for found in galleries)
     views = min(SLIDER_BUDGET, max(FEWEST_VIEWS, PICTURES // max(1, lanes)))
     models = sum(len(found.rows) for found in galleries)
@@ -84,11 +87,17 @@ def render(
         shrunk="" if share == 1 else f"{share:.0%}",
         captures=captures,
         problems=problems,
-        missing=[text for found in galleries for text in found.missing],
+        notes=notes,
+        missing=told(galleries),
         data=_script_json({"captures": captures}),
         style=_text("report.css"),
         script="\n".join(_text(name) for name in SCRIPTS),
     )
+
+
+def _unbroken(text: str) -> str:
+    """Keep a number, its unit and its sign on one line: 28 %, 0.5 dB, × 0.72."""
+    return re.sub(r"(?<=\d) (?=%|dB\b|px\b|seeds?\b)|(?<=×) (?=\d)", "\u00a0", text)
 
 
 def _text(name: str) -> str:
@@ -229,10 +238,10 @@ def _models(found: Gallery, root: Path | None, most: int) -> list[dict[str, Any]
     for condition, row in found.rows.items():
         train, scene = artifact(row, "train", root), artifact(row, "scene", root)
         if train is None or not (train / "splats.ply").is_file():
-            found.missing.append(f"{found.capture}/{condition}: no splats for the 3D view")
+            found.missing.append((condition, "no splats for the 3D view"))
             continue
         if scene is None or not (scene / "scene.json").is_file():
-            found.missing.append(f"{found.capture}/{condition}: no cameras for the 3D view")
+            found.missing.append((condition, "no cameras for the 3D view"))
             continue
         name = condition_name(row["background"], row["method"])
         packed = splat_view.pack(train / "splats.ply", most)

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from reports.rows import Cell, Row
+from reports.rows import Cell, Row, capture_name, condition_name
 
 Floats = NDArray[np.float32]
 SPLIT = "test"
@@ -50,7 +50,7 @@ class Gallery:
     truths: dict[tuple[str, str], Path] = field(default_factory=dict)  # by background, view
     renders: dict[tuple[str, str], Path] = field(default_factory=dict)  # by condition, view
     masks: dict[str, Path] = field(default_factory=dict)  # by view
-    missing: list[str] = field(default_factory=list)
+    missing: list[tuple[str, str]] = field(default_factory=list)  # condition, what it lacks
 
     @property
     def views(self) -> list[str]:
@@ -79,16 +79,17 @@ class Gallery:
 
 
 def gallery(capture: str, mine: Sequence[Cell], root: Path | None) -> Gallery:
-    """Find the pictures of one capture: those of the lowest finished seed of each cell."""
+    """Find one capture's pictures: of each cell's lowest finished seed that has them here."""
     out = Gallery(capture)
     for cell in mine:
         if cell.key.capture != capture or not cell.finished:
             continue
-        row, condition = cell.finished[0], cell.key.condition
-        out.rows[condition] = row
+        condition = cell.key.condition
+        kept = [row for row in cell.finished if artifact(row, "evaluate", root)]
+        row = out.rows[condition] = (kept or list(cell.finished))[0]
         folder = artifact(row, "evaluate", root)
         if folder is None:
-            out.missing.append(f"{capture}/{condition}: no stored renders")
+            out.missing.append((condition, "no stored renders"))
             continue
         renders, truths = _pictures(folder / "renders"), _pictures(folder / "truth")
         for view in sorted(renders.keys() & truths.keys()):
@@ -96,10 +97,28 @@ def gallery(capture: str, mine: Sequence[Cell], root: Path | None) -> Gallery:
             out.truths.setdefault((cell.key.background, view), truths[view])
         out.masks |= _pictures(folder / "masks")
         lacking = sorted(truths.keys() - renders.keys())
-        out.missing += [f"{capture}/{condition}: no render of {view}" for view in lacking]
+        out.missing += [(condition, f"no render of {view}") for view in lacking]
         if not renders:
-            out.missing.append(f"{capture}/{condition}: no renders in {folder.name}")
+            out.missing.append((condition, f"no renders in {folder.name}"))
     return out
+
+
+def told(galleries: Sequence[Gallery]) -> list[str]:
+    """Say what is missing, one sentence per reason: of whole captures, then of their conditions."""
+    whole: dict[str, list[str]] = {}
+    part: list[str] = []
+    for found in galleries:
+        reasons: dict[str, list[str]] = {}
+        for condition, reason in found.missing:
+            reasons.setdefault(reason, []).append(condition)
+        for reason, conditions in reasons.items():
+            if len(conditions) == len(found.rows):
+                whole.setdefault(reason, []).append(capture_name(found.capture))
+                continue
+            rows = [found.rows[condition] for condition in conditions]
+            names = ", ".join(condition_name(row["background"], row["method"]) for row in rows)
+            part.append(f"{capture_name(found.capture)}, {names}: {reason}")
+    return [f"{', '.join(names)}: {reason}" for reason, names in whole.items()] + part
 
 
 def artifact(row: Row, kind: str, root: Path | None) -> Path | None:

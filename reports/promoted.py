@@ -5,10 +5,10 @@ it. Nothing is judged here: margins, noise and what compares at all are the gate
 """
 
 from collections.abc import Mapping, Sequence
-from statistics import fmean
 
 from reports import columns, statistics
 from reports.formats import Entry, Group, Line, Table
+from reports.pairs import ratio_of
 from reports.rows import Cell, CellKey, Row, cells, held_out_views, key_of, refused
 from reports.tables import HOLE, PROMOTED, by_capture, condition_of
 
@@ -88,9 +88,7 @@ def _views(rows: Sequence[Row], metric: str) -> Mapping[tuple[str, int], float]:
 
 
 def _ratio(ours: Sequence[Row], theirs: Sequence[Row], metric: str) -> Entry:
-    above = [row["metrics"].get(metric) for row in ours]
-    below = [row["metrics"].get(metric) for row in theirs]
-    if not all(above) or not all(below):
+    ratio = ratio_of(ours, theirs, metric)
+    if ratio is None:
         return HOLE
-    ratio = fmean(above) / fmean(below)
     return Entry(columns.text("ratio", ratio), value=ratio)

@@ -18,6 +18,7 @@ from mattgs_ops.errors import InputError
 
 SCHEMA = 1
 PROTOCOL = 1  # raised when the meaning of a number changes: scores across versions do not compare
+FIRST_PROTOCOL = 1  # of rows that do not say theirs
 Row = dict[str, Any]
 
 # Field: types that it may have. Fields of a failed row may be missing where MAY_LACK says so.

@@ -7,6 +7,7 @@ from reports import columns, paper
 from reports.columns import Column
 from reports.difference_table import difference_tables
 from reports.formats import Entry, Group, Line, Table
+from reports.origins import origin_of, origins, origins_table
 from reports.rows import Row, background_name, capture_name, cells, refused
 from reports.tables import (
     HOLE,
@@ -149,7 +150,10 @@ def cost_table(rows: Sequence[Row]) -> Table | None:
 
 def runs_table(rows: Sequence[Row]) -> Table | None:
     """Say where each line comes from: run, configuration, inputs; in full."""
-    heads = ("Seed", "Status", "Run", "Config", "Code", "Inputs")
+    heads: tuple[str, ...] = ("Seed", "Status", "Run", "Config", "Code", "Inputs")
+    numbers = {origin: str(number) for number, origin in enumerate(origins(rows), start=1)}
+    if len(numbers) > 1:
+        heads = (*heads, "Origin")
     groups = []
     for label, members in by_capture(cells(rows)):
         lines = []
@@ -157,7 +161,7 @@ def runs_table(rows: Sequence[Row]) -> Table | None:
             for row in cell.rows:
                 origin = _provenance(row)
                 inputs = origin.get("inputs") or {}
-                texts = (
+                texts: tuple[Any, ...] = (
                     row["seed"],
                     row["status"],
                     row.get("run_id") or "–",
@@ -165,6 +169,7 @@ def runs_table(rows: Sequence[Row]) -> Table | None:
                     str(origin.get("code_version") or "–")[:DIGEST],
                     " ".join(f"{k}:{str(v)[:DIGEST]}" for k, v in sorted(inputs.items())) or "–",
                 )
+                texts = (*texts, numbers.get(origin_of(row), "–"))[: len(heads)]
                 lines.append(Line(condition_of(cell), tuple(Entry(str(text)) for text in texts)))
         groups.append(Group(label, tuple(lines)))
     if not groups:
@@ -186,6 +191,7 @@ def all_tables(rows: Sequence[Row], values: paper.PaperValues | None = None) -> 
         training_table(rows),
         quality_table(rows),
         cost_table(rows),
+        origins_table(rows),
         runs_table(rows),
     ]
     return capture_tables(rows, values) + [table for table in extra if table is not None]

@@ -15,6 +15,7 @@ from typing import Any
 from reports import columns, formats, paper
 from reports.columns import Column
 from reports.formats import Entry, Group, Line, Table
+from reports.origins import machine_of
 from reports.rows import (
     PROTOCOL,
     Cell,
@@ -30,6 +31,7 @@ from reports.rows import (
 )
 
 HOLE = Entry("–")
+SPEEDS = ("time", "rate")  # kinds of columns that depend on the machine
 UNVERIFIED = (
     "The paper's own values are not printed beside ours: none could be checked against the paper."
 )
@@ -196,7 +198,11 @@ def lines_of(
 ) -> list[Line]:
     """Build the lines of one group, mark the best entries, and add to the notes on holes."""
     raw = [[_entry(cell, column, value_of) for column in shown] for cell in members]
-    best = [_best([entries[i] for entries in raw], column) for i, column in enumerate(shown)]
+    mixed = len({machine_of(row) for row in finished_of(members)}) > 1
+    best = [
+        set() if mixed and column.kind in SPEEDS else _best([entries[i] for entries in raw], column)
+        for i, column in enumerate(shown)
+    ]
     lines = []
     for place, (cell, entries) in enumerate(zip(members, raw, strict=True)):
         marked = [
@@ -260,12 +266,25 @@ def _protocol_notes(mine: Sequence[Cell]) -> list[str]:
             f"truth; {many}. Protocol {PROTOCOL}."
         )
     ]
+    notes += _uneven(mine, seeds)
     if {cell.key.background for cell in mine} >= {"original", "nobg"}:
         notes.append(
             "Scores of No BG do not compare with Original: its white pixels come for free. "
             "The table of scores inside the mask compares them."
         )
     return notes
+
+
+def _uneven(mine: Sequence[Cell], seeds: Sequence[int]) -> list[str]:
+    """Name the lines that lack seeds which others have, and not because those failed."""
+    found = []
+    for cell in mine:
+        own = [int(row["seed"]) for row in cell.rows]
+        if cell.finished and set(seeds) - set(own):
+            finished = ", ".join(str(row["seed"]) for row in cell.finished)
+            few = "seed" if len(cell.finished) == 1 else "seeds"
+            found.append(f"{condition_of(cell)}: {few} {finished} only.")
+    return found
 
 
 def _promoted_note(groups: Sequence[Group]) -> list[str]:

@@ -189,7 +189,7 @@ def _cost_words(found: Comparison) -> str:
         if times is not None and abs(times - 1) >= NEGLIGIBLE:
             parts.append((saved if times < 1 else cost).format(f"{abs(times - 1) * 100:.0f} %"))
     if not parts:
-        return " at the same size and time"
+        return " at the same size" + (" and time" if found.time is not None else "")
     return ", with " + " and ".join(parts)
 
 
@@ -228,13 +228,13 @@ def _background_saving(mine: Sequence[Cell]) -> str:
     return f"Removing the background, with 3DGS: {'; '.join(parts)}."
 
 
-def summary_line(rows: Sequence[Row]) -> str:
-    """Say how many experiments finished, and how long training took in all."""
+def summary_line(rows: Sequence[Row], planned: int | None = None) -> str:
+    """Say how many experiments finished, of the rows or of those planned, and how long it took."""
     rows = refused(rows)
     finished = [row for row in rows if row["status"] == "finished"]
     total = sum(float(row["metrics"]["time"]) for row in finished)
     return (
-        f"{len(finished)} of {len(rows)} experiments finished; "
+        f"{len(finished)} of {planned or len(rows)} experiments finished; "
         f"{columns.duration(total)} of training in all."
     )
 

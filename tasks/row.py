@@ -13,7 +13,7 @@ from mattgs_ops.config import BenchmarkConfig, Condition
 from mattgs_ops.digests import file_digest, json_digest
 from tasks.stage import Artifact, Cell, Place, code_versions
 
-SCHEMA = 1
+SCHEMA, PROTOCOL = 1, 1  # as in reports/rows.py, which a test compares
 # Stage → what a row calls its folder.
 ARTIFACT_NAMES = {
     "prepare": "capture",
@@ -66,6 +66,7 @@ def make_row(
     condition = Condition.parse(cell.condition)
     row: Row = {
         "schema": SCHEMA,
+        "protocol": PROTOCOL,
         "benchmark": config.name,
         "capture": cell.capture,
         "condition": cell.condition,

@@ -1,0 +1,124 @@
+"""Whether rows came about under one code on one machine, and what it means where they did not.
+
+An **origin** is a state of the code on a kind of machine. A benchmark that was finished over
+several sittings has several; its report has to say so, since times and speeds of different machines
+do not compare, and conditions that started from different masks or poses differ by more than their
+method.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from reports.formats import Entry, Group, Line, Table
+from reports.rows import Row, capture_name, captures, cells
+
+DIGEST = 12  # letters of a digest that tell two apart
+Origin = tuple[str, ...]
+MACHINE = ("cpu", "cpu_kind", "cores", "threads")
+# What structure-from-motion and the masks report of their outcome, not of their time
+SHARED = ("registered", "points", "object_points", "reprojection_error")
+
+
+def origins(rows: Sequence[Row]) -> dict[Origin, list[Row]]:
+    """Group finished rows by origin, in the order of the tables."""
+    found: dict[Origin, list[Row]] = {}
+    for cell in cells(rows):
+        for row in cell.finished:
+            found.setdefault(origin_of(row), []).append(row)
+    return found
+
+
+def origin_of(row: Row) -> Origin:
+    """Return what tells a row's origin from others."""
+    return _code(row) + machine_of(row) + _libraries(row)
+
+
+def machine_of(row: Row) -> Origin:
+    """Return what tells the machine of a row from others."""
+    return tuple(str(_provenance(row).get(name)) for name in MACHINE)
+
+
+def notes(rows: Sequence[Row]) -> list[str]:
+    """Say what a reader must know of rows with several origins; empty for one."""
+    told = []
+    finished = [row for row in rows if row["status"] == "finished"]
+    codes = {_code(row) for row in finished}
+    machines = {machine_of(row) for row in finished}
+    if len(origins(rows)) > 1:
+        parts = _counted(len(codes), "state of the code", "states of the code")
+        parts += f" and {_counted(len(machines), 'kind of machine', 'kinds of machine')}"
+        told.append(f"These rows come from several runs: {parts}; the table Origins names them.")
+    if len(machines) > 1:
+        told.append(
+            "Time, FPS and cost per stage were measured on different machines and do not compare "
+            "between them; ratios of times and speeds are printed only where both conditions ran "
+            "on one."
+        )
+    for name in captures(finished):
+        mine = [row for row in finished if row["capture"] == name]
+        starts = {repr(_start(row)) for row in mine}
+        if len(starts) > 1:
+            told.append(
+                f"{capture_name(name)}: experiments started from {len(starts)} different sets of "
+                "masks, poses or sparse points, so that a difference between conditions is not the "
+                "method's alone."
+            )
+    return told
+
+
+def origins_table(rows: Sequence[Row]) -> Table | None:
+    """List the origins and how many experiments came from each; None where there is but one."""
+    found = origins(rows)
+    if len(found) < 2:
+        return None
+    differing = _differing(rows)
+    lines = []
+    for number, mine in enumerate(found.values(), start=1):
+        origin = _provenance(mine[0])
+        versions = origin.get("versions") or {}
+        commits = dict.fromkeys(str(_provenance(row).get("git") or "–")[:DIGEST] for row in mine)
+        texts = (
+            len(mine),
+            ", ".join(capture_name(name) for name in captures(mine)),
+            str(origin.get("code_version") or "–")[:DIGEST],
+            ", ".join(commits),
+            origin.get("cpu") or "–",
+            origin.get("cores") or "–",
+            origin.get("threads") or "–",
+            ", ".join(f"{name} {versions.get(name, '–')}" for name in differing) or "the same",
+        )
+        lines.append(Line(f"Origin {number}", tuple(Entry(str(text)) for text in texts)))
+    heads = ("Experiments", "Captures", "Code", "Commit", "CPU", "Cores", "Threads", "Libraries")
+    keys = tuple(head.lower() for head in heads)
+    note = "Code is the digest of the stages' sources; libraries are listed where they differ."
+    group = Group("", tuple(lines))
+    return Table("table-origins", "Origins", heads, keys, (group,), (note,), "", False)
+
+
+def _differing(rows: Sequence[Row]) -> list[str]:
+    """Return the libraries that finished rows have in several versions."""
+    found = [_provenance(row).get("versions") or {} for row in rows if row["status"] == "finished"]
+    names = sorted({name for versions in found for name in versions})
+    return [name for name in names if len({versions.get(name) for versions in found}) > 1]
+
+
+def _counted(count: int, one: str, many: str) -> str:
+    return f"{count} {one if count == 1 else many}"
+
+
+def _provenance(row: Mapping[str, Any]) -> Mapping[str, Any]:
+    return row.get("provenance") or {}
+
+
+def _code(row: Row) -> Origin:
+    return (str(_provenance(row).get("code_version")),)
+
+
+def _libraries(row: Row) -> Origin:
+    versions = _provenance(row).get("versions") or {}
+    return tuple(f"{name} {versions[name]}" for name in sorted(versions))
+
+
+def _start(row: Row) -> tuple[Any, ...]:
+    registration, masks = row.get("registration") or {}, row.get("masks") or {}
+    return (*(registration.get(name) for name in SHARED), masks.get("source"), masks.get("means"))

@@ -1,0 +1,151 @@
+"""Rows of several sittings: what may be put together, what is refused, and what is told of it."""
+
+import copy
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from mattgs_ops.errors import InputError
+from reports import origins, pairs, side_tables, verdict
+from reports.merge import merge
+from reports.rows import PROTOCOL, Cell, cells
+from tasks import row as made
+
+Row = dict[str, Any]
+MakeRow = Callable[..., Row]
+
+
+def changed(row: Row, field: str, value: Any) -> Row:
+    """Return a copy with ``a.b`` set."""
+    out = copy.deepcopy(row)
+    *path, last = field.split(".")
+    place = out
+    for name in path:
+        place = place[name]
+    place[last] = value
+    return out
+
+
+def test_parts_become_one_grid(make_grid: Callable[..., list[Row]]) -> None:
+    rows = make_grid(seeds=2)
+    assert merge([("a", rows[:5]), ("b", rows[5:])]) == rows
+
+
+def test_the_same_row_twice_counts_once(make_row: MakeRow) -> None:
+    row = make_row("rover", "nobg", "ours")
+    elsewhere = changed(changed(row, "run_id", "f" * 32), "artifacts", {"train": "other"})
+    assert merge([("a", [row]), ("b", [elsewhere])]) == [row]
+
+
+def test_what_failed_gives_way_to_what_finished(make_row: MakeRow, make_failed: MakeRow) -> None:
+    good, bad = make_row("rover", "nobg", "ours"), make_failed("rover", "nobg", "ours", "killed")
+    later = make_failed("rover", "nobg", "ours", "out of memory")
+    for parts in ([("a", [good]), ("b", [bad])], [("a", [bad]), ("b", [good])]):
+        assert merge(parts) == [good]
+    assert merge([("a", [bad]), ("b", [later])])[0]["reason"] == "out of memory"
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "words"),
+    [
+        ("metrics.psnr", 1.0, "do not agree on psnr (27"),
+        ("per_view", [], "do not agree on scores per view"),
+        ("provenance.config_digest", "decaf", "other configurations in a.json (c0ffee)"),
+        ("provenance.inputs", {"capture": "d2"}, "other photos than in a.json"),
+        ("protocol", 2, "rows of one protocol: a.json has 1, b.json has 2"),
+        ("benchmark", "other", "rows of one benchmark: a.json has 'toy', b.json has 'other'"),
+    ],
+)
+def test_what_does_not_belong_together_is_refused_by_name(
+    make_row: MakeRow, field: str, value: Any, words: str
+) -> None:
+    row = make_row("rover", "nobg", "ours", 3)
+    with pytest.raises(InputError) as caught:
+        merge([("a.json", [row]), ("b.json", [changed(row, field, value)])])
+    assert words in str(caught.value)
+    assert "b.json" in str(caught.value)
+    if "agree" in words or "configurations" in words:
+        assert "rover/nobg-ours@1000x320, seed 3" in str(caught.value)
+
+
+def test_protocol_and_photos_are_compared_across_experiments(make_row: MakeRow) -> None:
+    one, two = make_row("rover", "nobg", "3dgs"), make_row("rover", "nobg", "ours")
+    for other in (two | {"protocol": 2}, changed(two, "provenance.inputs", {"capture": "d2"})):
+        with pytest.raises(InputError, match=r"a\.json"):
+            merge([("a.json", [one]), ("b.json", [other])])
+
+
+def test_a_file_of_something_else_is_named(make_row: MakeRow) -> None:
+    with pytest.raises(InputError, match=r"b\.json: row 0: .*`capture` is missing"):
+        merge([("a.json", [make_row("rover", "nobg", "ours")]), ("b.json", [{"psnr": 3}])])
+
+
+def test_new_rows_say_their_protocol() -> None:
+    assert made.PROTOCOL == PROTOCOL
+
+
+def test_one_origin_needs_no_words(make_grid: Callable[..., list[Row]]) -> None:
+    rows = make_grid()
+    assert origins.notes(rows) == []
+    assert origins.origins_table(rows) is None
+    runs = side_tables.runs_table(rows)
+    assert runs is not None
+    assert "Origin" not in runs.headings
+
+
+def test_other_code_machines_and_poses_are_told(make_grid: Callable[..., list[Row]]) -> None:
+    versions = {"torch": "2.0", "numpy": "2.4"}
+    rows = [
+        changed(row, "provenance.versions", versions)
+        for row in make_grid(captures=("rover", "hexapod"))
+    ]
+    newer = changed(rows[0], "provenance.code_version", "0.2.0")
+    faster = changed(rows[1], "provenance.cpu", "Another CPU")
+    library = changed(rows[2], "provenance.versions", versions | {"torch": "3.0"})
+    posed = changed(rows[3], "registration.points", 99)
+    mine = [newer, faster, library, posed, *rows[4:]]
+    text = "\n".join(origins.notes(mine))
+    assert "2 states of the code and 2 kinds of machine" in text
+    assert "Time, FPS and cost per stage were measured on different machines" in text
+    assert "Rover: experiments started from 2 different sets of masks, poses" in text
+    assert "Hexapod" not in text
+    table = origins.origins_table(mine)
+    assert table is not None
+    (group,) = table.groups
+    assert [line.entries[0].text for line in group.lines] == ["1", "1", "1", "5"]
+    assert [line.entries[-1].text for line in group.lines] == [
+        "torch 2.0", "torch 2.0", "torch 3.0", "torch 2.0",
+    ]  # fmt: skip
+    runs = side_tables.runs_table(mine)
+    assert runs is not None
+    assert runs.headings[-1] == "Origin"
+    assert [line.entries[-1].text for line in runs.groups[0].lines] == ["1", "2", "3", "4"]
+
+
+def test_a_failed_experiment_has_no_origin(make_row: MakeRow, make_failed: MakeRow) -> None:
+    failed = changed(
+        make_failed("rover", "nobg", "ours", "killed"), "provenance.code_version", "other"
+    )
+    assert origins.notes([make_row("rover", "nobg", "3dgs"), failed]) == []
+
+
+def test_times_compare_only_on_one_machine(make_row: MakeRow) -> None:
+    def cell(method: str, *machines: str, time: float) -> Cell:
+        rows = [
+            changed(make_row("rover", "nobg", method, seed), "provenance.cpu", machine)
+            for seed, machine in enumerate(machines)
+        ]
+        times = [time, 10 * time]  # the second seed's machine, or day, was another
+        mine = [changed(row, "metrics.time", t) for row, t in zip(rows, times, strict=False)]
+        return cells(mine)[0]
+
+    base = cell("3dgs", "A", "B", time=100)
+    assert pairs.ratio(cell("ours", "A", "B", time=50), base, "time") == 0.5
+    assert pairs.ratio(cell("ours", "A", "C", time=20), base, "time") == 0.2, "of seed 0 alone"
+    elsewhere = cell("ours", "C", "C", time=50)
+    assert pairs.ratio(elsewhere, base, "time") is None
+    assert pairs.ratio(elsewhere, base, "size_mb") == pytest.approx(0.8)
+    (found,) = verdict.verdicts([*elsewhere.rows, *base.rows])
+    assert "training time" not in found.headline
+    assert "time ×" not in "".join(found.details)

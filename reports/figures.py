@@ -17,6 +17,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import StrMethodFormatter
 from numpy.typing import NDArray
 
 from reports.pictures import artifact
@@ -250,6 +251,8 @@ def _curves(found: Curves, tones: dict[str, str], folder: Path, slug: str, sheet
             if place == 0:
                 axes.set_ylabel(label)
         grid[1][place].set_yscale("log")
+        grid[2][place].yaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
+        grid[-1][place].xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
         grid[-1][place].set_xlabel("Iteration")
     _legend(figure, [h for h in grid[-1][0].get_lines() if not str(h.get_label()).startswith("_")])
     what = (

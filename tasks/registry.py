@@ -66,6 +66,9 @@ def open_benchmark(tracking_uri: str, benchmark: str, artifacts: Path | None) ->
                 raise
     if found.lifecycle_stage == "deleted":
         client.restore_experiment(found.experiment_id)
+    view = registry_view.experiment_tags()[registry_view.VIEW_TAG]
+    if found.tags.get(registry_view.VIEW_TAG) != view:  # of an earlier version of the project
+        client.set_experiment_tag(found.experiment_id, registry_view.VIEW_TAG, view)
     return str(found.experiment_id)
 
 

@@ -20,6 +20,8 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import StrMethodFormatter
 from numpy.typing import NDArray
 
+from reports import findings
+from reports.origins import machine_of
 from reports.pictures import artifact
 from reports.rows import (
     METHOD_ORDER,
@@ -106,6 +108,12 @@ def _mean(cell: Cell, metric: str) -> float | None:
     return sum(values) / len(values) if values else None
 
 
+def _less(cell: Cell, metric: str) -> float | None:
+    """Return a mean of which less is better, negative, so that more is."""
+    mean = _mean(cell, metric)
+    return None if mean is None else -mean
+
+
 def sheets(items: Sequence[Item]) -> list[tuple[str, str, Sequence[Item]]]:
     """Split what a figure shows into even sheets.
 
@@ -140,6 +148,15 @@ def _trade_off(
     in_mask = any(_mean(cell, "mask_psnr") is not None for cell in mine)
     metric = "mask_psnr" if in_mask else "psnr"
     label = "PSNR in mask (dB)" if in_mask else "PSNR (dB)"
+
+    mixed = len({machine_of(row) for cell in mine for row in cell.finished}) > 1
+
+    def quality(cell: Cell) -> float | None:
+        return _mean(cell, metric)
+
+    def quick(cell: Cell) -> float | None:
+        return _less(cell, "time")
+
     figure = Figure(figsize=(max(2.5 * len(names), 3.2) + 0.5, 4.8))
     grid = figure.subplots(2, len(names), squeeze=False)
     for place, name in enumerate(names):
@@ -155,7 +172,10 @@ def _trade_off(
         axes.set_ylabel(label)
     _legend(figure, _handles(mine, tones))
     caption = (
-        f"{label} on held-out views against file size and training time: up and to the left is "
+        findings.winners(mine, names, f"Highest {label.removesuffix(' (dB)')}", quality)
+        + findings.winners(mine, names, "Smallest file", lambda cell: _less(cell, "size_mb"))
+        + ("" if mixed else findings.winners(mine, names, "Shortest training", quick))
+        + f"{label} on held-out views against file size and training time: up and to the left is "
         f"better. Lines join the methods on one background.{sheet}"
     )
     return save(figure, folder, f"figure-trade-off{slug}", caption)
@@ -260,8 +280,10 @@ def _curves(found: Curves, tones: dict[str, str], folder: Path, slug: str, sheet
         if fixed
         else "PSNR and loss are of"
     )
+    mine = [cell for curves in found.values() for cell, _ in curves]
     caption = (
-        f"Training curves; {what} each step's own view, thin as recorded, thick as a running "
+        findings.winners(mine, list(found), "Fewest splats", lambda cell: _less(cell, "splats"))
+        + f"Training curves; {what} each step's own view, thin as recorded, thick as a running "
         "mean. The loss of Ours is on its own weighted scale and does not compare "
         f"with that of 3DGS; PSNR does, on one background.{sheet}"
     )

@@ -84,7 +84,7 @@ def render(
         tables=[formats.html(table) for table in tables if table.slug != RUNS],
         runs=[formats.html(table) for table in tables if table.slug == RUNS],
         figures=shown,
-        shrunk="" if share == 1 else f"{share:.0%}",
+        shrunk="" if share == 1 else f"{share * 100:.0f} %",
         captures=captures,
         problems=problems,
         notes=notes,

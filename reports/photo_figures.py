@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mattgs_ops.scene import Scene, View
 from mattgs_ops.scene_example import example
-from reports import pictures
+from reports import findings, pictures
 from reports.attention_figure import attention
 from reports.figures import Saved, save, sheets
 from reports.picture_grid import GAP, TOP, bare, canvas, clear, show, side
@@ -44,7 +44,8 @@ def comparison(found: Gallery, folder: Path) -> Saved | None:
     compare = pictures.methods_compare(found)
     what = "the methods" if compare else "render and ground truth"
     caption = (
-        f"{capture_name(found.capture)}: held-out views {' and '.join(views)} (at a quarter and "
+        f"{capture_name(found.capture)}. {findings.on_views(found, views)}"
+        f"Held-out views {' and '.join(views)} (at a quarter and "
         f"three quarters of the list sorted by name). The zoom is the window in which {what} "
         "differ most, counted on the object."
     )
@@ -101,8 +102,9 @@ def error_maps(found: Gallery, folder: Path) -> Saved | None:
     bar.outline.set_visible(False)
     bar.ax.tick_params(labelsize=6)
     caption = (
-        f"{capture_name(found.capture)}: absolute error against the ground truth of the same "
-        f"background, mean of the channels; the scale ends at {ERROR_TOP} of 1."
+        f"{capture_name(found.capture)}. {findings.on_views(found, views, error=True)}"
+        "Absolute error against the ground truth of the same background, mean of the channels; "
+        f"the scale ends at {ERROR_TOP} of 1."
     )
     return save(figure, folder, f"figure-errors-{found.capture}", caption, pictorial=True)
 
@@ -137,9 +139,21 @@ def _masked_sfm(
                 axes.set_title(title, fontsize=7.5)
     caption = (
         "Masked structure-from-motion: a photo, what its mask keeps, and the sparse points that "
-        "project into it; orange ones lie inside the masks of most views that see them."
+        "project into it; orange ones lie inside the masks of most views that see them"
+        f"{_on_object(found)}."
     )
     return save(figure, folder, f"figure-sfm{slug}", caption + sheet, pictorial=True)
+
+
+def _on_object(found: Sequence[tuple[str, Scene, View]]) -> str:
+    """Say which share of all sparse points lies on the object, per capture."""
+    clouds = [(name, scene.points().object_share) for name, scene, _ in found]
+    shares = [
+        f"{(share > OBJECT_SHARE).mean() * 100:.0f} % of {capture_name(name)}'s"
+        for name, share in clouds
+        if len(share)
+    ]
+    return f" ({', '.join(shares)})" if shares else ""
 
 
 def _blocks(lanes: Sequence[Lane]) -> list[list[Lane]]:

@@ -76,7 +76,7 @@ def test_figures_with_photos_shrink_together_to_their_budget(
     assert narrower[0] / widths[0] == pytest.approx(0.5, abs=0.01)
     assert narrower[1] / widths[1] == pytest.approx(0.5, abs=0.01)
     assert (smaller[2], narrower[2]) == (sizes[2], widths[2]), "plots stay as they are"
-    assert "shown at 50% of their size" in text
+    assert "shown at 50 % of their size" in text
 
 
 def test_the_verdict_comes_first(built: Path) -> None:

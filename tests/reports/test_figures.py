@@ -1,5 +1,6 @@
 """Which pictures a figure shows, and what the 3D view is given."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -8,8 +9,8 @@ import pytest
 from PIL import Image
 
 from mattgs_ops.errors import InputError
-from reports import figures, photo_figures, pictures, splat_view
-from reports.rows import cells
+from reports import figures, findings, photo_figures, pictures, splat_view
+from reports.rows import Cell, cells
 
 Row = dict[str, Any]
 Pictured = tuple[list[Row], Path]
@@ -174,3 +175,44 @@ def test_more_pictures_than_fit_side_by_side_stand_by_background(
     (wide, low), (narrow, high) = shapes
     assert narrow < wide, "five lanes twice, instead of ten side by side"
     assert high > 1.9 * low
+
+
+def test_a_caption_says_who_is_nearest_to_the_ground_truth(pictured: Pictured) -> None:
+    rows, root = pictured
+    found = pictures.gallery("rover", cells(rows), root)
+
+    def score(condition: str, metric: str) -> float:
+        (row,) = (row for row in rows if row["condition"] == condition)
+        return next(v[metric] for v in row["per_view"] if v["view"] == "0004.jpg")
+
+    def brackets(background: str) -> str:
+        ours, other = (score(f"{background}-{m}", "mask_psnr") for m in ("ours", "3dgs"))
+        return f"{ours:.2f} dB (3DGS {other:.2f})"
+
+    assert findings.on_views(found, ["0004.jpg"]) == (
+        "On these views Ours is nearest to the ground truth inside the mask: with its background "
+        f"{brackets('original')}, without its background {brackets('nobg')}. "
+    )
+    error = findings.on_views(found, ["0004.jpg"], error=True)
+    assert f"{score('nobg-ours', 'mask_l1'):.4f} (3DGS" in error
+    assert "has the smallest mean error" in error
+    assert findings.on_views(found, ["unknown.jpg"]) == ""
+    better = [view | {"mask_psnr": 99.0} for view in found.rows["nobg-3dgs"]["per_view"]]
+    found.rows["nobg-3dgs"] = found.rows["nobg-3dgs"] | {"per_view": better}
+    told = findings.on_views(found, ["0008.jpg"])
+    assert told.startswith("On these views Ours is nearest")
+    assert "; 3DGS is nearest to the ground truth inside the mask: without its background" in told
+
+
+def test_a_plots_caption_counts_captures(make_grid: Callable[..., list[Row]]) -> None:
+    mine = cells(make_grid())
+    names = ["rover", "hexapod", "lattepanda"]
+
+    def value(cell: Cell) -> float:
+        return (cell.key.method == "ours") == (cell.key.capture != "hexapod")
+
+    told = findings.winners(mine, names, "Highest", value)
+    assert told == "Highest without background: Ours on 2 of 3, 3DGS on 1 of 3 captures. "
+    assert findings.winners(mine, ["hexapod"], "Highest", value).endswith("3DGS on Hexapod. ")
+    alone = [cell for cell in mine if cell.key.method == "ours"]
+    assert findings.winners(alone, names, "Highest", value) == ""

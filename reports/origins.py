@@ -72,14 +72,13 @@ def origins_table(rows: Sequence[Row]) -> Table | None:
     if len(found) < 2:
         return None
     differing = _differing(rows)
-    lines = []
+    groups = []
     for number, mine in enumerate(found.values(), start=1):
         origin = _provenance(mine[0])
         versions = origin.get("versions") or {}
         commits = dict.fromkeys(str(_provenance(row).get("git") or "–")[:DIGEST] for row in mine)
         texts = (
             len(mine),
-            ", ".join(capture_name(name) for name in captures(mine)),
             str(origin.get("code_version") or "–")[:DIGEST],
             ", ".join(commits),
             origin.get("cpu") or "–",
@@ -87,12 +86,15 @@ def origins_table(rows: Sequence[Row]) -> Table | None:
             origin.get("threads") or "–",
             ", ".join(f"{name} {versions.get(name, '–')}" for name in differing) or "the same",
         )
-        lines.append(Line(f"Origin {number}", tuple(Entry(str(text)) for text in texts)))
-    heads = ("Experiments", "Captures", "Code", "Commit", "CPU", "Cores", "Threads", "Libraries")
+        names = ", ".join(capture_name(name) for name in captures(mine))
+        line = Line(names, tuple(Entry(str(text)) for text in texts))
+        groups.append(Group(f"Origin {number}", (line,)))
+    heads = ("Experiments", "Code", "Commit", "CPU", "Cores", "Threads", "Libraries")
     keys = tuple(head.lower() for head in heads)
     note = "Code is the digest of the stages' sources; libraries are listed where they differ."
-    group = Group("", tuple(lines))
-    return Table("table-origins", "Origins", heads, keys, (group,), (note,), "", False)
+    return Table(
+        "table-origins", "Origins", heads, keys, tuple(groups), (note,), "Captures", with_runs=False
+    )
 
 
 def _differing(rows: Sequence[Row]) -> list[str]:

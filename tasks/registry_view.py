@@ -20,7 +20,7 @@ NOTE = (
     "One run per experiment, and `summary` for all of them. *Views → Benchmark* shows the columns "
     "of the tables, and as charts quality against cost; group by the tag `condition` to average "
     "over seeds. Metrics without a prefix are of held-out views, `mask_…` inside the object's "
-    "mask, `train_…` of training views, `curve_…` by step."
+    "mask, `detail_…` on its small parts, `train_…` of training views, `curve_…` by step."
 )
 SECTION, SECTION_NAME = "mattgs-charts", "Quality and cost"
 MOST_RUNS = 100  # that one chart shows
@@ -63,7 +63,7 @@ def charts() -> list[dict[str, Any]]:
     """Return the charts that stand first: quality against cost, then how it came about."""
     conditions = {"selectedParams": ["capture", "background", "method"]}
     quality = {"selectedMetrics": ["mask_psnr", "psnr", "size_mb", "time"], "showAllRuns": True}
-    found = [
+    found: list[dict[str, Any]] = [
         {"type": "PARALLEL", **conditions, **quality},
         *(
             {"type": "SCATTER", "xaxis": _metric(cost), "yaxis": _metric("mask_psnr")}

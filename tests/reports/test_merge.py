@@ -112,9 +112,10 @@ def test_other_code_machines_and_poses_are_told(make_grid: Callable[..., list[Ro
     assert "Hexapod" not in text
     table = origins.origins_table(mine)
     assert table is not None
-    (group,) = table.groups
-    assert [line.entries[0].text for line in group.lines] == ["1", "1", "1", "5"]
-    assert [line.entries[-1].text for line in group.lines] == [
+    lines = [line for group in table.groups for line in group.lines]
+    assert [line.label for line in lines] == ["Rover", "Rover", "Rover", "Rover, Hexapod"]
+    assert [line.entries[0].text for line in lines] == ["1", "1", "1", "5"]
+    assert [line.entries[-1].text for line in lines] == [
         "torch 2.0", "torch 2.0", "torch 3.0", "torch 2.0",
     ]  # fmt: skip
     runs = side_tables.runs_table(mine)

@@ -1,9 +1,14 @@
 """How fast this machine is right now: a fixed workload, timed.
 
 A frame rate means little without the machine that it was measured on, and shared machines change
-from minute to minute. Next to every speed the seconds of one fixed workload are recorded, measured
+from second to second. Next to every speed the seconds of one fixed workload are recorded, measured
 in the same process on one thread; ``fps * calibration`` (frames in the time of one workload) then
 compares across machines far better than ``fps`` does.
+
+A workload takes about a millisecond, so that it can stand right beside each piece of what is
+measured: what slows the machine for a moment slows both, and the median over many such pairs
+(:class:`Pairs`) forgets the moments that came between the two. ``benchmarks/gate_study.py`` prints
+what that leaves.
 
 The workload shares no code with the engine, so that an engine that became slower shows. It does
 what compositing does: arithmetic and exponentials on single precision in cache, gathers through
@@ -15,24 +20,47 @@ from numpy.typing import NDArray
 
 from mattgs_ops import stopwatch
 
-VERSION = 1  # raised when the workload changes: values of different versions do not compare
+VERSION = 2  # raised when the workload changes: values of different versions do not compare
 SEED = 20_240_817
 CACHE_FLOATS = 16_384  # 64 KiB: first- and second-level cache
-CACHE_ROUNDS = 400
+CACHE_ROUNDS = 30
 TABLE_FLOATS = 1 << 20  # 4 MiB: beyond the second level
-SORTED_KEYS = 200_000
-REPEATS = 5  # the fastest counts: noise on a shared machine only ever adds
+GATHERED = 1 << 14
+SORTED_KEYS = 4_000
+REPEATS = 100  # the fastest counts: noise on a shared machine only ever adds
+
+Workload = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]
 
 
 def calibrate(repeats: int = REPEATS) -> float:
-    """Return the seconds of the fastest of ``repeats`` workloads, each some tens of ms."""
+    """Return the seconds of the fastest of ``repeats`` workloads, each about a millisecond."""
     inputs = _inputs()
-    seconds = []
-    for _ in range(repeats):
-        began = stopwatch.seconds()
-        workload(*inputs)
-        seconds.append(stopwatch.seconds() - began)
-    return min(seconds)
+    return min(_timed(inputs) for _ in range(repeats))
+
+
+class Pairs:
+    """Pieces of work, each with one workload right after it."""
+
+    def __init__(self) -> None:
+        self._inputs = _inputs()
+        self._pairs: list[tuple[float, float]] = []
+        _timed(self._inputs)  # the first touch of its memory does not count
+
+    def __len__(self) -> int:
+        return len(self._pairs)
+
+    def add(self, seconds: float) -> None:
+        """Put one workload beside a piece that has just taken ``seconds``."""
+        self._pairs.append((seconds, _timed(self._inputs)))
+
+    def ratios(self) -> NDArray[np.float64]:
+        """Return the pieces' seconds in workloads [P]."""
+        pairs = np.array(self._pairs, dtype=np.float64).reshape(-1, 2)
+        return pairs[:, 0] / pairs[:, 1]
+
+    def fastest(self) -> float:
+        """Return the seconds of the fastest workload."""
+        return min(workload for _, workload in self._pairs)
 
 
 def workload(
@@ -49,8 +77,14 @@ def workload(
     return float(colour.mean()) + float(gathered.mean()) + float(order[0])
 
 
-def _inputs() -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]:
+def _inputs() -> Workload:
     rng = np.random.default_rng(SEED)
     cache = rng.random(CACHE_FLOATS, dtype=np.float32)
     table = rng.random(TABLE_FLOATS, dtype=np.float32)
-    return cache, table, rng.integers(0, TABLE_FLOATS, TABLE_FLOATS)
+    return cache, table, rng.integers(0, TABLE_FLOATS, GATHERED)
+
+
+def _timed(inputs: Workload) -> float:
+    began = stopwatch.seconds()
+    workload(*inputs)
+    return stopwatch.seconds() - began

@@ -32,15 +32,15 @@ from mattgs_ops.progress import Progress, no_progress
 from mattgs_ops.scene import Scene, Split
 from mattgs_ops.splat.photos import WHITE, load_view, size_at
 from mattgs_ops.splat.ply import read_ply
-from mattgs_ops.splat.render import measure_fps, render_view
+from mattgs_ops.splat.render import render_view, time_views
 
 SCHEMA = 1
 BYTES_PER_MB = 1e6  # size_mb is in megabytes, not mebibytes
 VIEWS_FILE = "views.json"
 EVALUATION_FILE = "evaluation.json"
 PNG_EFFORT = 1
-ROUNDS = 9  # rendering and workload in turns
-ROUND_SECONDS = 0.1
+FEWEST_ROUNDS = 9  # over the views, rendering and workload in turns
+FEWEST_SECONDS = 1.0  # of rendering
 # Standard error of a normal sample's median, times root n, over the median absolute deviation
 MEDIAN_ERROR = 1.4826 * 1.2533
 MASK_THRESHOLD = 128  # of 255: a pixel is object when at least half of it is
@@ -217,11 +217,12 @@ def measure_speed(
 ) -> dict[str, float]:
     """Return metrics of rendering speed over the registered test views, by id.
 
-    Rendering and the fixed workload take turns, ``ROUNDS`` times. ``fps``: views divided by the
-    seconds of rendering them into memory, after a warm-up; ``calibration``: seconds of the fastest
-    workload; ``fps_calibrated``: the median product of the two within a round; ``fps_noise``: that
-    median's relative standard error, from the median absolute deviation of the rounds. Meant to
-    run alone on its machine; time lost to others is not counted (:mod:`mattgs_ops.stopwatch`).
+    Rendering a view and the fixed workload take turns, in rounds over the views. ``fps``: views
+    divided by the seconds of rendering them into memory, after a warm-up; ``calibration``: seconds
+    of the fastest workload; ``fps_calibrated``: frames rendered in the time of one workload, each
+    view at its median over the rounds; ``fps_noise``: the relative standard error of that, from the
+    median absolute deviation of the rounds. Meant to run alone on its machine; time lost to others
+    is not counted (:mod:`mattgs_ops.stopwatch`).
     """
     shown: Colour = WHITE if condition.background == "nobg" else background
     cameras = [
@@ -232,22 +233,21 @@ def measure_speed(
     if not cameras:
         raise StageError(f"scene {scene.name}: expected test views with a camera, found none")
     splats = read_ply(splats_ply)
-    rounds = np.array(
-        [
-            (
-                measure_fps(splats, cameras, shown, threads=threads, fewest_seconds=ROUND_SECONDS),
-                calibration.calibrate(1),
-            )
-            for _ in range(ROUNDS)
-        ]
-    )
-    products = np.log(rounds.prod(axis=1))
-    deviation = float(np.median(np.abs(products - np.median(products))))
+    pairs, seconds = calibration.Pairs(), 0.0
+    for index, took in time_views(splats, cameras, shown, threads=threads):
+        pairs.add(took)
+        seconds += took
+        whole = index == len(cameras) - 1
+        if whole and len(pairs) >= FEWEST_ROUNDS * len(cameras) and seconds >= FEWEST_SECONDS:
+            break
+    ratios = pairs.ratios().reshape(-1, len(cameras))
+    by_view = np.median(ratios, axis=0)
+    deviation = float(np.median(np.abs(np.log(ratios / by_view))))
     return {
-        "fps": float(1 / np.mean(1 / rounds[:, 0])),
-        "calibration": float(rounds[:, 1].min()),
-        "fps_calibrated": float(np.exp(np.median(products))),
-        "fps_noise": MEDIAN_ERROR * deviation / float(np.sqrt(ROUNDS)),
+        "fps": len(pairs) / seconds,
+        "calibration": pairs.fastest(),
+        "fps_calibrated": float(1 / by_view.mean()),
+        "fps_noise": MEDIAN_ERROR * deviation / float(np.sqrt(len(pairs))),
     }
 
 

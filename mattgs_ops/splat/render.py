@@ -1,6 +1,7 @@
 """Show trained splats: 8-bit renderings, and how fast they come."""
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import torch
@@ -13,7 +14,6 @@ from mattgs_ops.splat.photos import WHITE
 from mattgs_ops.splat.rasterize import render
 
 WARM_UP = 3  # renderings before the clock runs: first touch of memory, thread start
-FEWEST_SECONDS = 0.5  # passes over the views repeat until this much was measured
 
 
 def render_view(
@@ -30,30 +30,24 @@ def render_view(
     return pixels
 
 
-def measure_fps(
+def time_views(
     splats: Splats,
     cameras: Sequence[Camera],
     background: tuple[float, float, float] = WHITE,
     *,
     threads: int = 1,
-    fewest_seconds: float = FEWEST_SECONDS,
-) -> float:
-    """Return frames per second of forward rendering: views, divided by seconds in all.
+) -> Iterator[tuple[int, float]]:
+    """Yield the index of a view and the seconds that rendering it took, round after round, forever.
 
-    The mean of the seconds is inverted once (the mean of frames per second would be larger).
-    Rendering to float32 in memory only: no rounding, no files. Passes over the views repeat until
-    ``fewest_seconds`` were measured, of the clock that others do not disturb.
+    Rendering to float32 in memory only: no rounding, no files. Seconds are of the clock that others
+    do not disturb. A few renderings before the first one do not count. Raises :class:`ValueError`
+    without a camera.
     """
     if not cameras:
-        raise ValueError("measure_fps: expected at least one camera, found none")
-    with torch.no_grad():
-        for camera in [*cameras][:WARM_UP]:
-            render(splats, camera, background, threads=threads, differentiable=False)
-        frames, began = 0, stopwatch.seconds()
-        while True:
-            for camera in cameras:
-                render(splats, camera, background, threads=threads, differentiable=False)
-            frames += len(cameras)
-            seconds = stopwatch.seconds() - began
-            if seconds >= fewest_seconds:
-                return frames / seconds
+        raise ValueError("time_views: expected at least one camera, found none")
+    for camera in [*cameras][:WARM_UP]:
+        render(splats, camera, background, threads=threads, differentiable=False)
+    for index in itertools.cycle(range(len(cameras))):
+        began = stopwatch.seconds()
+        render(splats, cameras[index], background, threads=threads, differentiable=False)
+        yield index, stopwatch.seconds() - began

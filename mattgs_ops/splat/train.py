@@ -50,7 +50,7 @@ PLY = "splats.ply"
 START = "start.npz"  # starting points [P, 3] and which were kept [P], where attention chose
 PRUNED = "pruned.npz"  # splats that the method removed: centres [K, 3], step of each [K]
 FEWEST_VIEWS = 2
-CALIBRATIONS = 2  # workloads before and after; the fastest counts
+CALIBRATIONS = 50  # workloads before and after; the fastest counts
 
 
 def train(

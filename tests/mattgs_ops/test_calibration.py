@@ -1,12 +1,13 @@
 """The fixed workload is fixed: the same numbers each time, and work that is not skipped."""
 
 import ast
+import itertools
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from mattgs_ops import calibration
+from mattgs_ops import calibration, stopwatch
 
 
 def test_the_workload_is_the_same_each_time_and_takes_time() -> None:
@@ -32,6 +33,17 @@ def test_compositing_follows_the_formula() -> None:
         light *= 1 - 0.02 * np.exp(-(0.5 + step / calibration.CACHE_ROUNDS) * cache)
     found = calibration.workload(cache, table, np.arange(4))
     assert found == pytest.approx(float(np.mean(1 - light)), abs=1e-4)
+
+
+def test_a_piece_is_told_in_the_workload_right_after_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = itertools.accumulate([0.0, 1.0, 1.0, 0.5, 1.0, 0.25])  # two readings a workload
+    monkeypatch.setattr(stopwatch, "seconds", lambda: next(clock))
+    pairs = calibration.Pairs()  # the first workload warms up
+    pairs.add(2.0)
+    pairs.add(3.0)
+    assert len(pairs) == 2
+    assert pairs.ratios().tolist() == [2.0 / 0.5, 3.0 / 0.25]
+    assert pairs.fastest() == 0.25
 
 
 def test_the_engine_takes_no_part() -> None:

@@ -163,7 +163,7 @@ Planted = tuple[Line, list[Row]]
 def planted(tmp_path_factory: pytest.TempPathFactory) -> Planted:
     """Return the line and the rows of its healthy code."""
     with pytest.MonkeyPatch.context() as quick:
-        quick.setattr(evaluate, "ROUND_SECONDS", 0.04)
+        quick.setattr(evaluate, "FEWEST_SECONDS", 0.4)
         line = Line(tmp_path_factory.mktemp("planted"))
         return line, [line.run(cell) for cell in CELLS]
 
@@ -284,7 +284,7 @@ def test_a_sleep_in_the_rasteriser_is_worse_in_speed(
 
     monkeypatch.setattr(rendering, "render", sleepy)
     monkeypatch.setattr(trainer, "render", sleepy)
-    monkeypatch.setattr(evaluate, "ROUND_SECONDS", 0.04)
+    monkeypatch.setattr(evaluate, "FEWEST_SECONDS", 0.4)
     report = compare([line.run(cell) for cell in CELLS], old)
     assert report.exit_code == Exit.REGRESSION
     found = worse(report)

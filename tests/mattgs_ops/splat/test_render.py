@@ -1,5 +1,6 @@
-"""Eight bits from floats, and a rate that is views over seconds."""
+"""Eight bits from floats, and the seconds of each view."""
 
+import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -11,7 +12,7 @@ from mattgs_ops.camera import Camera
 from mattgs_ops.splat import render as render_module
 from mattgs_ops.splat.gaussians import Splats
 from mattgs_ops.splat.rasterize import Rendering, render
-from mattgs_ops.splat.render import measure_fps, render_view
+from mattgs_ops.splat.render import render_view, time_views
 
 MakeSplats = Callable[[int, int], Splats]
 MakeCameras = Callable[..., list[Camera]]
@@ -29,7 +30,7 @@ def test_a_view_is_clamped_and_rounded_to_nearest(
     np.testing.assert_array_equal(found, np.rint(np.clip(floats, 0, 1) * np.float32(255)))
 
 
-def test_the_rate_is_views_over_seconds_and_the_warm_up_does_not_count(
+def test_views_are_timed_in_turn_and_the_warm_up_does_not_count(
     make_splats: MakeSplats, make_cameras: MakeCameras, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A clock that renderings alone advance: 10 ms for the first view, 30 ms for the second."""
@@ -43,11 +44,12 @@ def test_the_rate_is_views_over_seconds_and_the_warm_up_does_not_count(
     cameras = make_cameras(2, 8, 8)
     monkeypatch.setattr(render_module, "render", slow)
     monkeypatch.setattr(stopwatch, "seconds", lambda: now[0])
-    rate = measure_fps(make_splats(3, 0), cameras)
-    assert rate == pytest.approx(50), "not the mean of 100 and 33"
-    assert len(rendered) > len(cameras) * 12, "warm-up and half a second of views"
+    timed = list(itertools.islice(time_views(make_splats(3, 0), cameras), 5))
+    assert [index for index, _ in timed] == [0, 1, 0, 1, 0]
+    assert [seconds for _, seconds in timed] == pytest.approx([0.01, 0.03, 0.01, 0.03, 0.01])
+    assert len(rendered) == 5 + 2, "each view once before the clock counts"
 
 
-def test_without_views_there_is_no_rate(make_splats: MakeSplats) -> None:
+def test_without_views_there_is_nothing_to_time(make_splats: MakeSplats) -> None:
     with pytest.raises(ValueError, match="at least one camera"):
-        measure_fps(make_splats(3, 0), [])
+        next(time_views(make_splats(3, 0), []))

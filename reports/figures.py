@@ -171,12 +171,13 @@ def _trade_off(
     for axes in grid[:, 0]:
         axes.set_ylabel(label)
     _legend(figure, _handles(mine, tones))
+    machines = " Times are of different machines and do not compare between them." if mixed else ""
     caption = (
         findings.winners(mine, names, f"Highest {label.removesuffix(' (dB)')}", quality)
         + findings.winners(mine, names, "Smallest file", lambda cell: _less(cell, "size_mb"))
         + ("" if mixed else findings.winners(mine, names, "Shortest training", quick))
         + f"{label} on held-out views against file size and training time: up and to the left is "
-        f"better. Lines join the methods on one background.{sheet}"
+        f"better. Lines join the methods on one background.{machines}{sheet}"
     )
     return save(figure, folder, f"figure-trade-off{slug}", caption)
 

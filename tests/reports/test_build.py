@@ -79,6 +79,14 @@ def test_figures_with_photos_shrink_together_to_their_budget(
     assert "shown at 50 % of their size" in text
 
 
+def test_numbers_stay_with_their_units() -> None:
+    render = page._unbroken
+    assert render("a 28 % smaller file, 0.5 dB and 320 px") == (
+        "a 28\u00a0% smaller file, 0.5\u00a0dB and 320\u00a0px"
+    )
+    assert render("size × 0.72, Rover 3 of 4") == "size ×\u00a00.72, Rover 3 of 4"
+
+
 def test_the_verdict_comes_first(built: Path) -> None:
     text = built.read_text(encoding="utf-8")
     assert text.index("Rover: without its background, Ours gains") < text.index("<table")

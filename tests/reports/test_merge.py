@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from mattgs_ops.errors import InputError
-from reports import origins, pairs, side_tables, verdict
+from reports import origins, pairs, side_tables, tables, verdict
 from reports.merge import merge
 from reports.rows import PROTOCOL, Cell, cells
 from tasks import row as made
@@ -129,6 +129,25 @@ def test_a_failed_experiment_has_no_origin(make_row: MakeRow, make_failed: MakeR
         make_failed("rover", "nobg", "ours", "killed"), "provenance.code_version", "other"
     )
     assert origins.notes([make_row("rover", "nobg", "3dgs"), failed]) == []
+
+
+def test_times_of_several_machines_have_no_best(make_grid: Callable[..., list[Row]]) -> None:
+    def bold(rows: list[Row]) -> set[str]:
+        table = tables.capture_tables(rows)[0]
+        return {
+            key
+            for group in table.groups
+            for line in group.lines
+            for key, entry in zip(table.keys, line.entries, strict=True)
+            if entry.best
+        }
+
+    rows = make_grid(captures=("rover",))
+    rows = [changed(row, "metrics.time", 50.0 + place) for place, row in enumerate(rows)]
+    rows = [changed(row, "metrics.fps", 90.0 - place) for place, row in enumerate(rows)]
+    assert {"time", "fps", "size_mb"} <= bold(rows)
+    mixed = [changed(row, "provenance.cpu", row["method"]) for row in rows]
+    assert bold(mixed) == bold(rows) - {"time", "fps"}
 
 
 def test_times_compare_only_on_one_machine(make_row: MakeRow) -> None:

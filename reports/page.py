@@ -39,6 +39,7 @@ PICTURES, FEWEST_VIEWS = 600, 2  # pictures in sliders, and the views that a cap
 PIXELS = 44_000_000  # of all sliders' pictures: 0.27 bytes each as JPEG in base64, as measured
 SPLATS = 600_000  # 21 bytes each
 PHOTO_FIGURES = 20_000_000  # bytes in base64
+BYTES_BY_WIDTH = 1.6  # the power by which a JPEG grows with its width, as measured
 
 
 def render(
@@ -114,16 +115,14 @@ def _figures(figures: Sequence[Saved]) -> tuple[list[dict[str, Any]], float]:
 
     Returns them and the share of their width that is left.
     """
-    shown = [_figure(figure, FIGURE_WIDTH) for figure in figures]
-    taken = sum(len(one["uri"]) for one in shown if one["pictorial"])
-    if taken <= PHOTO_FIGURES:
-        return shown, 1.0
-    share = math.sqrt(PHOTO_FIGURES / taken)
-    width = round(FIGURE_WIDTH * share)
-    return [
-        _figure(figure, width) if figure.pictorial else one
-        for figure, one in zip(figures, shown, strict=True)
-    ], share
+    shown, share = [_figure(figure, FIGURE_WIDTH) for figure in figures], 1.0
+    while (taken := sum(len(one["uri"]) for one in shown if one["pictorial"])) > PHOTO_FIGURES:
+        share *= (PHOTO_FIGURES / taken) ** (1 / BYTES_BY_WIDTH)
+        shown = [
+            _figure(figure, round(FIGURE_WIDTH * share)) if figure.pictorial else one
+            for figure, one in zip(figures, shown, strict=True)
+        ]
+    return shown, share
 
 
 def _figure(figure: Saved, widest: int) -> dict[str, Any]:

@@ -81,8 +81,8 @@ def benchmark(config: BenchmarkConfig, out: Path, tracking_uri: str) -> Path:
         artifacts_root=place.store,
         baselines=promoted(tracking_uri, config.name),
     )
-    record_summary(place, tracking_uri, config.name, rows, path.parent)
-    show_results(config.name, rows, path)
+    address = record_summary(place, tracking_uri, config.name, rows, path)
+    show_results(config.name, rows, path, address)
     failed = [row for row in rows if row["status"] == "failed"]
     if failed:
         raise ExperimentsFailedError(len(failed), len(rows), path)
@@ -96,17 +96,18 @@ def _submit(place: Place, capture: CaptureConfig, config: BenchmarkConfig) -> li
         prepared = run.prepare(place, capture, config)
     except Exception as error:  # whatever it is, it is these experiments' alone
         return [Chain(cell, broken=str(error)) for cell in mine]
-    masks = run.segment.submit(place, capture.name, prepared, config.segment)
-    solved = run.sfm.submit(place, capture.name, prepared, masks, config.sfm)
+    name = capture.name
+    masks = run.named(run.segment, name).submit(place, name, prepared, config.segment)
+    solved = run.named(run.sfm, name).submit(place, name, prepared, masks, config.sfm)
     before: tuple[tuple[str, Future], ...] = (("segment", masks), ("sfm", solved))
     scene = solved
     if config.segment.refine == "votes":
-        scene = run.agree.submit(place, capture.name, prepared, solved)
+        scene = run.named(run.agree, name).submit(place, name, prepared, solved)
         before = (*before, ("agree", scene))
     chains = []
     for cell in mine:
-        splats = run.train.submit(place, cell, scene, config)
-        scores = run.evaluate.submit(place, cell, scene, splats, config)
+        splats = run.named(run.train, cell).submit(place, cell, scene, config)
+        scores = run.named(run.evaluate, cell).submit(place, cell, scene, splats, config)
         futures = (*before, ("train", splats), ("evaluate", scores))
         chains.append(Chain(cell, prepared, futures))
     return chains

@@ -193,7 +193,7 @@ def _dask(out: Path, run: RunConfig) -> Iterator[tuple[str, str | None]]:
     settings = {"distributed.scheduler.allowed-failures": run.retries + 2}
     with dask.config.set(settings):
         cluster = LocalCluster(
-            n_workers=run.workers or max(1, (os.cpu_count() or 1) // run.threads),
+            n_workers=worker_count(run),
             threads_per_worker=1,
             processes=True,
             memory_limit=0,  # the work is done by subprocesses, which Dask does not see
@@ -206,6 +206,12 @@ def _dask(out: Path, run: RunConfig) -> Iterator[tuple[str, str | None]]:
         yield cluster.scheduler_address, cluster.dashboard_link
     finally:
         cluster.close(timeout=10)
+
+
+def worker_count(run: RunConfig) -> int:
+    """Return how many stages run at a time: as asked, else no more threads than cores of ours."""
+    cores = len(os.sched_getaffinity(0))  # a batch system or a container may give fewer than all
+    return run.workers or max(1, cores // run.threads)
 
 
 def _existing_scheduler(address: str) -> str:

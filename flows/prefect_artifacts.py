@@ -55,8 +55,12 @@ class ShownProgress:
         return f"{text}, {failed} failed" if failed else text
 
 
-def show_results(name: str, rows: list[Row], report: Path) -> None:
-    """Show the tables, the reasons of failures, and a link to the report."""
+def show_results(name: str, rows: list[Row], report: Path, address: str | None) -> None:
+    """Show the tables, the reasons of failures, and where the report is.
+
+    The link leads to ``address``, a page on a server. Without one it leads to the file, which
+    browsers open from their own address line only: so its path is told in words too.
+    """
     parts = [formats.markdown(table) for table in all_tables(rows)]
     failed = [row for row in rows if row["status"] == "failed"]
     if failed:
@@ -69,10 +73,10 @@ def show_results(name: str, rows: list[Row], report: Path) -> None:
             "\n\n".join(parts), key=f"tables-{slug(name)}", description=f"Tables of {name}"
         )
         create_link_artifact(
-            report.resolve().as_uri(),
+            address or report.resolve().as_uri(),
             link_text=f"Report of {name}",
             key=f"report-{slug(name)}",
-            description=f"{len(rows)} experiments, {len(failed)} failed",
+            description=f"{len(rows)} experiments, {len(failed)} failed; {report.resolve()}",
         )
 
 

@@ -47,7 +47,8 @@ def server(out: Path, port: int) -> Iterator[str]:
         raise InputError(f"--port {port}: a server is there already; PREFECT_API_URL={url} uses it")
     command = [sys.executable, "-m", "prefect", "server", "start"]
     command += ["--host", "127.0.0.1", "--port", str(port)]
-    environment = os.environ | {"PREFECT_HOME": str(home)}
+    # the interface asks where it came from: any port, and another address when it is forwarded
+    environment = os.environ | {"PREFECT_HOME": str(home), "PREFECT_UI_API_URL": "/api"}
     with log.open("ab") as output:
         process = subprocess.Popen(command, stdout=output, stderr=output, env=environment)
     try:

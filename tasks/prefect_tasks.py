@@ -50,6 +50,14 @@ def _stage(function: Callable[..., Result], run_name: str) -> "Task[..., Result]
     )(function)
 
 
+def named(stage: "Task[..., Result]", owner: object) -> "Task[..., Result]":
+    """Return a stage whose run is called after ``owner`` before it starts, or if it never does.
+
+    Prefect fills in a run's own name only when it starts.
+    """
+    return stage.with_options(name=f"{stage.name} {owner}")
+
+
 prepare = _stage(prepare_stage, "prepare {capture.name}")
 segment = _stage(segment_stage, "segment {name}")
 sfm = _stage(sfm_stage, "sfm {name}")

@@ -8,7 +8,13 @@ from typing import Any
 
 from mattgs_ops.scene import Scene
 from mattgs_ops.scene_example import example
-from tasks import registry, registry_orphans, registry_promotion, registry_summary
+from tasks import (
+    registry,
+    registry_orphans,
+    registry_promotion,
+    registry_summary,
+    registry_view,
+)
 from tasks.registry_live import CURVE_FILE, read_curve
 from tasks.row import Row, scene_of
 from tasks.stage import KEY_LETTERS, Artifact, Place, slug
@@ -91,16 +97,25 @@ def _warn(row: Row, error: Exception) -> None:
 
 def record_summary(
     place: Place, tracking_uri: str, benchmark: str, rows: list[Row], report: Path
-) -> None:
-    """Log a benchmark's rows and its report's folder to its summary run; never raises."""
+) -> str | None:
+    """Log a benchmark's rows and its report's folder to its summary run; never raises.
+
+    ``report`` is the page, logged with all that lies beside it. Returns the page's address on the
+    MLflow server; None where there is no server, or it failed.
+    """
     try:
         experiment = registry.open_benchmark(
             tracking_uri, benchmark, place.out / "mlflow-artifacts"
         )
-        registry_summary.record_summary(tracking_uri, experiment, benchmark, rows, report)
+        run_id = registry_summary.record_summary(
+            tracking_uri, experiment, benchmark, rows, report.parent
+        )
     except Exception as error:  # whatever MLflow, its database or its server raise
         text = "the summary of %s was not logged to MLflow: %s"
         logging.getLogger("mattgs").warning(text, benchmark, error)
+        return None
+    file = f"{registry_summary.REPORT_FOLDER}/{report.name}"
+    return registry_view.file_address(tracking_uri, experiment, run_id, file)
 
 
 def close_orphans(tracking_uri: str, benchmark: str) -> None:

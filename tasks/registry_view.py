@@ -27,6 +27,13 @@ MOST_RUNS = 100  # that one chart shows
 EXPERIMENTS = "tags.capture != ''"  # leaves the summary out, which has none
 
 
+def file_address(tracking_uri: str, experiment: str, run_id: str, file: str) -> str | None:
+    """Return where the interface shows a file of a run; None where MLflow is no server."""
+    if not tracking_uri.startswith("http"):
+        return None
+    return f"{tracking_uri.rstrip('/')}/#/experiments/{experiment}/runs/{run_id}/artifacts/{file}"
+
+
 def experiment_tags() -> dict[str, str]:
     """Return the tags of a benchmark's MLflow experiment."""
     shown = [f"tags.`{name}`" for name in TAGS]

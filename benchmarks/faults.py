@@ -31,6 +31,7 @@ from pathlib import Path
 import psutil
 
 from benchmarks import tiny
+from flows import embedded
 from flows.prefect_server import PrefectServer
 from mattgs_ops.store import Store
 from tasks import registry
@@ -325,6 +326,8 @@ def main() -> None:
     # a shell that starts this in the background has it ignored, and so would the runs
     signal.signal(signal.SIGINT, signal.default_int_handler)
     folder = (options.folder or Path(tempfile.mkdtemp(prefix="mattgs-faults-"))).resolve()
+    for name, value in embedded.QUIET.items():  # for the table's sake; runs set it themselves
+        os.environ.setdefault(name, value)
     with shared_services(folder):
         sys.exit(0 if try_all(folder, options.only) else 1)
 

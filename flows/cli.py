@@ -238,9 +238,10 @@ def main() -> None:
             raise
         sys.stderr.write(f"mattgs: {error}: make room; the same command goes on from here\n")
         sys.exit(EXIT_FAILED)
-    except KeyboardInterrupt:
-        sys.stderr.write("mattgs: interrupted; the same command goes on from here\n")
-        sys.exit(EXIT_INTERRUPTED)
+    except SystemExit as ended:
+        if ended.code == EXIT_INTERRUPTED:  # what Typer makes of Ctrl-C, without a word
+            sys.stderr.write("mattgs: interrupted; the same command goes on from here\n")
+        raise
 
 
 if __name__ == "__main__":

@@ -98,3 +98,17 @@ def test_a_full_disk_is_said_plainly(
     with pytest.raises(SystemExit, match="1"):
         cli.main()
     assert "No space left on device: make room" in capsys.readouterr().err
+
+
+def test_ctrl_c_says_that_the_same_command_goes_on(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*_: object) -> bool:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("flows.run.run_benchmark", interrupted)
+    monkeypatch.setattr(sys, "argv", ["mattgs", "run"])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert ended.value.code == cli.EXIT_INTERRUPTED
+    assert capsys.readouterr().err == "mattgs: interrupted; the same command goes on from here\n"

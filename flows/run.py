@@ -22,7 +22,7 @@ def run_benchmark(config: BenchmarkConfig, out: Path) -> bool:
     """Run a benchmark and print its tables; return whether every experiment finished.
 
     Captures are prepared before anything is started. Raises :class:`InputError` that lists all
-    that is wrong with them.
+    that is wrong with them when none of them can be used.
     """
     began = time.monotonic()
     console = Console(soft_wrap=True)
@@ -51,14 +51,18 @@ def _plan(place: Place, config: BenchmarkConfig) -> int:
 
 
 def _prepare_all(place: Place, config: BenchmarkConfig) -> None:
-    """Prepare every capture; raises one :class:`InputError` for all that cannot be used."""
+    """Prepare every capture; raises one :class:`InputError` when none can be used.
+
+    One that cannot, among others, is told at once too, as a stage that failed; the flow makes rows
+    of it that say why.
+    """
     problems = []
     for capture in config.captures:
         try:
             prepare(place, capture, config)
         except InputError as error:
             problems.append(str(error))
-    if problems:
+    if len(problems) == len(config.captures):
         raise InputError("\n".join(problems))
 
 

@@ -1,12 +1,13 @@
 """Branches that fail never stop the others: rows say why, tables show holes, the exit code tells.
 
-One capture is noise, so that no view can be placed; on the other one condition diverges at its
-first step, and one is healthy.
+One capture has two photos only, another is noise, so that no view can be placed; on the third one
+condition diverges at its first step, and one is healthy.
 """
 
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -28,6 +29,9 @@ conditions = ["nobg-3dgs", "nobg-wild"]
 weighting = "residual"
 weight = 1e39 # infinite as a 32-bit number
 [[captures]]
+name = "pair"
+path = "pair"
+[[captures]]
 name = "noise"
 path = "noise"
 [[captures]]
@@ -42,6 +46,8 @@ max_features = 1500
 
 FINISHED = ("board", "nobg-3dgs")
 REASONS = {
+    ("pair", "nobg-3dgs"): "found 2 photos; at least 3",
+    ("pair", "nobg-wild"): "found 2 photos; at least 3",
     ("noise", "nobg-3dgs"): "none of 28 pairs of views shows the same scene",
     ("noise", "nobg-wild"): "none of 28 pairs of views shows the same scene",
     ("board", "nobg-wild"): "the loss is nan",
@@ -85,13 +91,15 @@ def test_what_cannot_be_reconstructed_or_diverges_fails_alone(tmp_path: Path) ->
 
 def write_captures(folder: Path) -> None:
     rng = np.random.default_rng(3)
-    for name in ("noise", "board"):
+    for name in ("pair", "noise", "board"):
         (folder / name).mkdir()
     for index, path in enumerate(sorted(PHOTOS.glob("*.jpg"))[:8]):
         with Image.open(path) as photo:
             photo.resize((480, 360)).save(folder / "board" / path.name, quality=95)
         noise = rng.integers(0, 256, (48, 64, 3), dtype=np.uint8)
         Image.fromarray(noise).save(folder / "noise" / f"{index}.png")
+    for name in ("0.png", "1.png"):
+        shutil.copy(folder / "noise" / name, folder / "pair")
 
 
 def line_of(table: str, method: str) -> list[str]:

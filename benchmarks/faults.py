@@ -384,12 +384,12 @@ def attempt(folder: Path, name: str, reference: Trial) -> list[str | int]:
         same = trial.splats() == reference.splats()
         runs = trial.runs()
         resumed = trial.resumed()
+        once = trial.experiments() == runs == EXPERIMENTS
     except (subprocess.CalledProcessError, OSError, RuntimeError, psutil.Error) as error:
         return [str(error), "", "", "", "", "", "", round(time.monotonic() - began), "**no**"]
     finally:
         if os.path.ismount(trial.out):
             subprocess.run(["umount", "-l", str(trial.out)], check=True)
-    once = trial.experiments() == runs == EXPERIMENTS
     hit = happened == ENDS.get(fault, happened)
     well = hit and code == 0 and same and once and left == 0 and half == 0
     told = [happened, half, left, f"exit {code}", resumed, "yes" if same else "**no**", runs]

@@ -69,3 +69,10 @@ def test_a_benchmark_of_an_earlier_version_gets_the_view(
     tags = client.get_experiment(old).tags
     assert tags[registry_view.VIEW_TAG] == registry_view.experiment_tags()[registry_view.VIEW_TAG]
     assert tags["mine"] == "kept"
+
+
+def test_a_file_of_a_run_has_an_address_on_a_server_alone() -> None:
+    where = ("7", "abc", "report/report.html")
+    address = "http://desk:5000/#/experiments/7/runs/abc/artifacts/report/report.html"
+    assert registry_view.file_address("http://desk:5000/", *where) == address
+    assert registry_view.file_address("sqlite:////out/mlflow.db", *where) is None

@@ -280,6 +280,7 @@ def two_flows(trial: Trial) -> str:
 def full_disk(trial: Trial) -> str:
     """Run on a small tmpfs, then make room; unmounted by the caller."""
     before = trial.out.with_name("full-disk-before")
+    shutil.rmtree(before, ignore_errors=True)
     trial.out.rename(before)
     trial.out.mkdir()
     pages = sum(path.stat().st_size // PAGE + 1 for path in before.rglob("*"))

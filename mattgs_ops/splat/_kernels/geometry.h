@@ -3,6 +3,7 @@
 #pragma once
 
 #include "engine.h"
+#include "rows.h"
 #include "sh.h"
 #include "vec.h"
 

@@ -139,6 +139,13 @@ class MethodConfig(Frozen):
     mask_weight: float = Field(0.0, ge=0, description="of the object's pixels, `residual` only")
     weight_ssim: bool = Field(False, description="D-SSIM is weighted as L1 is, `residual` only")
     rates: float = Field(1.0, gt=0, description="times every learning rate but opacity's")
+    rates_final: float = Field(
+        1.0,
+        gt=0,
+        le=1,
+        description="share of all learning rates but the position's that is left at the end, see "
+        "`Schedule.rate_share`",
+    )
     densify: Literal["signed", "absolute"] = "signed"
     densify_absolute: float = Field(
         8e-4, gt=0, description="threshold of the absolute gradient; gsplat's default"
@@ -179,6 +186,7 @@ METHODS: dict[str, MethodConfig] = {
         mask_weight=5.0,
         weight_ssim=True,
         rates=2.0,
+        rates_final=0.03,
         densify="absolute",
         # weight on the object raises its gradient with it: with four times AbsGS's threshold
         # fewer than half as many splats are left as in `3dgs` (docs/method.md)

@@ -150,11 +150,13 @@ class Trainer:
         method, step = self.method, state.step + 1
         observed = self.schedule.observes(step)
         blends = method.wants_blending and observed
-        position = method.rates * self.schedule.position_rate(step)
+        share = self.schedule.rate_share(step, method.rates_final)
+        rates = {name: share * rate for name, rate in self._fixed_rates.items()}
+        rates["means"] = method.rates * self.schedule.position_rate(step)
         return state.adam.descend(
             rendering,
             grad,
-            self._fixed_rates | {"means": position},
+            rates,
             pixel_map=self.attention(index) if blends else None,
             statistics=blends or (observed and method.densify == "absolute"),
             memory=self._memory,

@@ -31,6 +31,16 @@ def test_positions_learn_ever_slower_by_a_constant_factor() -> None:
     assert schedule.position_rate(30_000) == pytest.approx(1.6e-6 * EXTENT)
 
 
+def test_other_rates_stay_or_fall_to_the_share_asked_for_late_in_long_trainings() -> None:
+    long, short = (Schedule.of(TrainConfig(), steps, EXTENT) for steps in (10_000, 1000))
+    assert {long.rate_share(step, 1.0) for step in (1, 5000, 10_000)} == {1.0}
+    assert {long.rate_share(step, 0.04) for step in (1, 2000, 3000)} == {1.0}
+    assert long.rate_share(6500, 0.04) == pytest.approx(0.2)
+    assert long.rate_share(10_000, 0.04) == pytest.approx(0.04)
+    assert short.rate_share(1000, 0.04) == 1.0
+    assert Schedule.of(TrainConfig(), 4000, EXTENT).rate_share(3000, 0.04) == pytest.approx(0.2)
+
+
 def test_half_the_steps_halve_the_schedule() -> None:
     schedule = Schedule.of(TrainConfig(), 15_000, EXTENT)
     assert schedule.sh_every == 500

@@ -2,7 +2,7 @@
 
 import csv
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,10 +14,12 @@ import torch
 from mattgs_ops.config import METHODS, Condition, MethodConfig, TrainConfig
 from mattgs_ops.errors import StageError
 from mattgs_ops.scene import Scene, SparsePoints
+from mattgs_ops.splat import schedule as schedule_module
 from mattgs_ops.splat import trainer as trainer_module
+from mattgs_ops.splat.optimise import FIELDS, Adam
 from mattgs_ops.splat.photos import load_view
 from mattgs_ops.splat.ply import read_ply
-from mattgs_ops.splat.rasterize import render
+from mattgs_ops.splat.rasterize import Seen, render
 from mattgs_ops.splat.render import render_view
 from mattgs_ops.splat.report import TrainingReport
 from mattgs_ops.splat.ssim import PhotometricLoss
@@ -110,6 +112,24 @@ def test_rates_are_raised_for_everything_but_opacity(run: Train, tmp_path: Path)
     for name, value in one.items():
         same = torch.equal(value, getattr(two, name))
         assert same == (name in ("opacity_logits", "sh_rest")), name  # SH starts at degree 0
+
+
+def test_rates_fall_where_the_schedule_says(run: Train, monkeypatch: pytest.MonkeyPatch) -> None:
+    used: list[Mapping[str, float]] = []
+    honest = Adam.descend
+
+    def descend(adam: Adam, *args: Any, **options: Any) -> Seen:
+        used.append(args[2])
+        return honest(adam, *args, **options)
+
+    monkeypatch.setattr(schedule_module, "SETTLE_EARLIEST", 3)
+    monkeypatch.setattr(Adam, "descend", descend)
+    run("a", method=MethodConfig(rates=2.0, rates_final=0.01), iterations=10)
+    for name in FIELDS:
+        first, third, last = (used[step - 1][name] for step in (1, 3, 10))
+        if name != "means":  # whose schedule is its own
+            assert third == first, name
+            assert last == pytest.approx(0.01 * first), name
 
 
 def test_a_seed_repeats_to_the_bit_whatever_the_threads(run: Train, tmp_path: Path) -> None:

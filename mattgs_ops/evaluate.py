@@ -233,7 +233,7 @@ def measure_speed(
     if not cameras:
         raise StageError(f"scene {scene.name}: expected test views with a camera, found none")
     splats = read_ply(splats_ply)
-    pairs, seconds = calibration.Pairs(), 0.0
+    pairs, seconds = calibration.Pairs(sweeping=False), 0.0
     for index, took in time_views(splats, cameras, shown, threads=threads):
         pairs.add(took)
         seconds += took

@@ -24,7 +24,7 @@ class Laps:
     def __init__(self, iterations: int) -> None:
         self._ends = {iterations * (k + 1) // LAPS for k in range(LAPS)} - {0}
         self._fewest = max(1, iterations // (LAPS * MOST_PIECES))
-        self._pairs, self._steps = Pairs(), 0
+        self._pairs, self._steps = Pairs(sweeping=True), 0
         self._pieces: list[int] = []  # steps of each
         self._seconds = self._piece = 0.0
         self.rows: list[dict[str, float]] = []
@@ -46,4 +46,4 @@ class Laps:
         steps = np.array(self._pieces)
         workloads = float(np.median(self._pairs.ratios() / steps) * steps.sum())
         self.rows.append({"value": self._seconds, "calibration": self._seconds / workloads})
-        self._pairs, self._pieces, self._seconds = Pairs(), [], 0.0
+        self._pairs, self._pieces, self._seconds = Pairs(sweeping=True), [], 0.0

@@ -18,27 +18,28 @@ def test_the_workload_is_the_same_each_time_and_takes_time() -> None:
 
 
 def test_the_result_depends_on_every_part() -> None:
-    cache, table, places = calibration._inputs()
-    first = calibration.workload(cache, table, places)
-    assert calibration.workload(cache + np.float32(1), table, places) != first
-    assert calibration.workload(cache, table * np.float32(2), places) != first
+    cache, table, places, swept = calibration._inputs(sweeping=True)
+    first = calibration.workload(cache, table, places, swept)
+    assert calibration.workload(cache + np.float32(1), table, places, swept) != first
+    assert calibration.workload(cache, table * np.float32(2), places, swept) != first
+    assert calibration.workload(cache, table, places, swept * np.float32(2)) != first
 
 
 def test_compositing_follows_the_formula() -> None:
-    """With the table at zero: colour adds up to 1 minus the light that is left."""
+    """With the table and what is swept at zero: colour adds up to 1 minus the light left."""
     cache = np.array([0.3, 0.7], np.float32)
-    table = np.zeros(4, np.float32)
+    nothing = np.zeros(4, np.float32)
     light = np.ones(2)
     for step in range(calibration.CACHE_ROUNDS):
         light *= 1 - 0.02 * np.exp(-(0.5 + step / calibration.CACHE_ROUNDS) * cache)
-    found = calibration.workload(cache, table, np.arange(4))
+    found = calibration.workload(cache, nothing, np.arange(4), np.zeros((2, 4), np.float32))
     assert found == pytest.approx(float(np.mean(1 - light)), abs=1e-4)
 
 
 def test_a_piece_is_told_in_the_workload_right_after_it(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = itertools.accumulate([0.0, 1.0, 1.0, 0.5, 1.0, 0.25])  # two readings a workload
     monkeypatch.setattr(stopwatch, "seconds", lambda: next(clock))
-    pairs = calibration.Pairs()  # the first workload warms up
+    pairs = calibration.Pairs(sweeping=False)  # the first workload warms up
     pairs.add(2.0)
     pairs.add(3.0)
     assert len(pairs) == 2

@@ -17,7 +17,8 @@ class FakePairs:
     workloads: Iterator[float] | None = None
     made = 0
 
-    def __init__(self) -> None:
+    def __init__(self, *, sweeping: bool) -> None:
+        assert sweeping, "training sweeps through memory"
         self.values: list[float] = []
 
     def add(self, seconds: float) -> None:

@@ -202,7 +202,7 @@ def parts(repeats: int) -> None:
         values = [ms(value) for value in m.seconds.values()]
         rows.append((f"{count:,}", *values, ms(m.step), f"{m.step / m.raster:.2f}"))
     print("## A training step at 400 x 400 on one thread, ms\n")
-    table(("splats", *PASSES, "loss", "Adam", "step", "step ÷ compositing"), rows)
+    table(("splats", *PASSES, "loss", "step", "step ÷ compositing"), rows)
 
 
 def pages(repeats: int) -> None:

@@ -38,8 +38,8 @@ refine = "grabcut"
 [sfm]
 max_features = 2000
 """
-# What training must bring at least on held-out views; dB, and 1. It brings 2.3 to 6.6 dB: a training
-# as short as this ends half a decibel apart where the engine rounds differently.
+# What training must bring at least on held-out views; dB, and 1. It brings 2.3 to 6.6 dB: so short
+# a training ends half a decibel apart where the engine rounds differently.
 PSNR_RISE, SSIM_RISE = 1.5, 0.05
 TIMEOUT = 540  # seconds; only so that a hanging run ends
 

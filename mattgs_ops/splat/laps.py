@@ -25,7 +25,7 @@ class Laps:
         self._ends = {iterations * (k + 1) // LAPS for k in range(LAPS)} - {0}
         self._fewest = max(1, iterations // (LAPS * MOST_PIECES))
         self._pairs, self._steps = Pairs(sweeping=True), 0
-        self._pieces: list[int] = []  # steps of each
+        self._pieces: list[int] = []  # steps of each of this lap's, the latest pairs
         self._seconds = self._piece = 0.0
         self.rows: list[dict[str, float]] = []
 
@@ -44,6 +44,7 @@ class Laps:
 
     def _close(self) -> None:
         steps = np.array(self._pieces)
-        workloads = float(np.median(self._pairs.ratios() / steps) * steps.sum())
+        ratios = self._pairs.ratios()[-len(steps) :]
+        workloads = float(np.median(ratios / steps) * steps.sum())
         self.rows.append({"value": self._seconds, "calibration": self._seconds / workloads})
-        self._pairs, self._pieces, self._seconds = Pairs(sweeping=True), [], 0.0
+        self._pieces, self._seconds = [], 0.0

@@ -77,12 +77,16 @@ def attention_map(
     return interior_attention(photo, mask, removed=removed or kind == "object")
 
 
-def loss_weights(attention: Floats, mask: Floats, method: MethodConfig) -> Floats | None:
+def loss_weights(
+    attention: Floats, mask: Floats, method: MethodConfig, *, removed: bool
+) -> Floats | None:
     """Return the weight of each pixel's L1 [H, W], or None for plain L1.
 
     ``paper`` (eq. 15): A itself. ``residual`` (eq. 6): 1 + weight · A + mask_weight · M with the
     mask M [H, W] in [0, 1], divided by its mean over the image, so that the loss keeps its scale
-    against D-SSIM.
+    against D-SSIM. Where the background was ``removed``, nothing but the mask says that a pixel is
+    empty, and masks err at their edges by a pixel, differently in each view: pixels outside M but
+    within ``edge_tolerance`` of it then weigh nothing, so that no view erases what others show.
     """
     if method.weighting == "none":
         return None
@@ -90,8 +94,18 @@ def loss_weights(attention: Floats, mask: Floats, method: MethodConfig) -> Float
         return attention
     raised: Floats = 1 + np.float32(method.weight) * attention
     raised = raised + np.float32(method.mask_weight) * mask
+    if removed and method.edge_tolerance:
+        raised[_around(mask >= MASK_THRESHOLD, method.edge_tolerance)] = 0
     weights: Floats = raised / np.float32(raised.mean(dtype=np.float64))
     return weights
+
+
+def _around(inside: NDArray[np.bool_], pixels: int) -> NDArray[np.bool_]:
+    """Return what lies outside, but at most ``pixels`` from it in either direction."""
+    reach = np.ones((2 * pixels + 1,) * 2, np.uint8)
+    near = cv2.dilate(inside.astype(np.uint8), reach).astype(bool)
+    found: NDArray[np.bool_] = near & ~inside
+    return found
 
 
 def point_scores(

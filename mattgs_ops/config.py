@@ -138,6 +138,11 @@ class MethodConfig(Frozen):
     weight: float = Field(1.0, ge=0)
     mask_weight: float = Field(0.0, ge=0, description="of the object's pixels, `residual` only")
     weight_ssim: bool = Field(False, description="D-SSIM is weighted as L1 is, `residual` only")
+    edge_tolerance: int = Field(
+        0,
+        ge=0,
+        description="pixels around a cut-out whose emptiness weighs nothing, `residual` on `nobg`",
+    )
     rates: float = Field(1.0, gt=0, description="times every learning rate but opacity's")
     rates_final: float = Field(
         1.0,
@@ -185,12 +190,13 @@ METHODS: dict[str, MethodConfig] = {
         weight=1.0,
         mask_weight=5.0,
         weight_ssim=True,
+        edge_tolerance=1,
         rates=2.0,
         rates_final=0.03,
         densify="absolute",
         # weight on the object raises its gradient with it: with four times AbsGS's threshold
         # fewer than half as many splats are left as in `3dgs` (docs/method.md)
-        densify_absolute=3e-3,
+        densify_absolute=3.2e-3,
         prune="blend",
         prune_opacity=0.05,
     ),

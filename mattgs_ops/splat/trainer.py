@@ -178,7 +178,8 @@ class Trainer:
             return None
         if index not in self._weights:
             mask = _unit(self.views[index].mask).numpy()
-            found = loss_weights(self.attention(index).numpy(), mask, self.method)
+            removed = self.background == "nobg"
+            found = loss_weights(self.attention(index).numpy(), mask, self.method, removed=removed)
             self._weights[index] = None if found is None else torch.from_numpy(found)
         return self._weights[index]
 

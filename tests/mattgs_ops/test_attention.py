@@ -128,16 +128,39 @@ def test_weights_are_none_the_map_itself_or_raised_to_mean_one() -> None:
     attention = paper_attention(photo())
     mask = np.zeros_like(attention)
     mask[3:9, 4:11] = 1
-    assert loss_weights(attention, mask, MethodConfig()) is None
-    paper = loss_weights(attention, mask, MethodConfig(weighting="paper"))
+    assert loss_weights(attention, mask, MethodConfig(), removed=True) is None
+    paper = loss_weights(attention, mask, MethodConfig(weighting="paper"), removed=True)
     assert paper is attention
     for mask_weight in (0.0, 3.0):
         method = MethodConfig(weighting="residual", weight=2.5, mask_weight=mask_weight)
-        residual = loss_weights(attention, mask, method)
+        residual = loss_weights(attention, mask, method, removed=True)
         assert residual is not None
         expected = 1 + 2.5 * attention.astype(np.float64) + mask_weight * mask
         np.testing.assert_allclose(residual, expected / expected.mean(), rtol=1e-5)
         assert residual.mean() == pytest.approx(1, abs=1e-5)
+
+
+@pytest.mark.parametrize("pixels", [1, 2])
+def test_where_a_mask_may_err_emptiness_weighs_nothing(pixels: int) -> None:
+    rng = np.random.default_rng(6)
+    mask = np.zeros((12, 15), np.float32)
+    mask[4:9, 6:15] = rng.uniform(0.5, 1, (5, 9))  # touches the frame
+    mask[9, 6:15] = 0.4  # mostly not the object
+    attention = rng.random(mask.shape).astype(np.float32)
+    method = MethodConfig(weighting="residual", mask_weight=3, edge_tolerance=pixels)
+
+    expected = 1 + attention.astype(np.float64) + 3 * mask
+    for y, x in np.ndindex(*mask.shape):
+        near = mask[max(y - pixels, 0) : y + pixels + 1, max(x - pixels, 0) : x + pixels + 1]
+        if mask[y, x] < 0.5 <= near.max():
+            expected[y, x] = 0
+    found = loss_weights(attention, mask, method, removed=True)
+    assert found is not None
+    np.testing.assert_allclose(found, expected / expected.mean(), rtol=1e-5)
+
+    photo_weights = loss_weights(attention, mask, method, removed=False)
+    assert photo_weights is not None
+    assert photo_weights.all()  # a photo's surroundings are real, not the mask's word
 
 
 def camera(x: float) -> Camera:

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mattgs_ops.camera import Camera
-from mattgs_ops.config import MethodConfig
+from mattgs_ops.method import MethodConfig
 
 Floats = NDArray[np.float32]
 

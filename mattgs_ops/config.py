@@ -10,19 +10,15 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
 from mattgs_ops.errors import InputError
+from mattgs_ops.frozen import Frozen
+from mattgs_ops.method import METHODS, MethodConfig, unfolded
 
 Background = Literal["original", "nobg"]
 Slug = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._+-]*$", max_length=64)]
 BUNDLED = ("rover", "hexapod", "lattepanda")
-
-
-class Frozen(BaseModel):
-    """Base of all configuration: immutable, and no key that it does not know."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", protected_namespaces=())
 
 
 class CaptureConfig(Frozen):
@@ -118,91 +114,6 @@ class TrainConfig(Frozen):
     checkpoint_every: int = Field(1000, ge=0, description="0: never")
 
 
-class MethodConfig(Frozen):
-    """What a method changes against plain 3DGS; the defaults change nothing.
-
-    ``weighting``: ``paper`` is eq. 15, ``A * |y - y_hat|``; ``residual`` is
-    ``(1 + weight * A + mask_weight * M) * |y - y_hat|`` normalised to mean weight 1 (eq. 6, with
-    the mask M beside the attention A); with ``weight_ssim`` the same weight is on SSIM's map.
-    ``attention``: ``paper`` is eqs. 9–14 on the training image as it is; ``interior`` is computed
-    on the photo before compositing, and suppressed on a band along the mask's edge; ``object`` is
-    the same with everything outside the mask suppressed too, whatever the background.
-    ``densify``: which screen-space gradient asks for more splats, the ``signed`` sum over pixels
-    (Kerbl et al. 2023) or the ``absolute`` one (AbsGS, Ye et al. 2024).
-    ``prune``: how splats are scored for removal, at the projected centre (``pixel``, the paper's)
-    or by blending weight times attention (``blend``).
-    """
-
-    attention: Literal["paper", "interior", "object"] = "paper"
-    weighting: Literal["none", "paper", "residual"] = "none"
-    weight: float = Field(1.0, ge=0)
-    mask_weight: float = Field(0.0, ge=0, description="of the object's pixels, `residual` only")
-    weight_ssim: bool = Field(False, description="D-SSIM is weighted as L1 is, `residual` only")
-    edge_tolerance: int = Field(
-        0,
-        ge=0,
-        description="pixels around a cut-out whose emptiness weighs nothing, `residual` on `nobg`",
-    )
-    rates: float = Field(1.0, gt=0, description="times every learning rate but opacity's")
-    rates_final: float = Field(
-        1.0,
-        gt=0,
-        le=1,
-        description="share of all learning rates but the position's that is left at the end, see "
-        "`Schedule.rate_share`",
-    )
-    densify: Literal["signed", "absolute"] = "signed"
-    densify_absolute: float = Field(
-        8e-4, gt=0, description="threshold of the absolute gradient; gsplat's default"
-    )
-    densify_attention: float = Field(
-        0.0, ge=0, description="a splat's gradient counts (1 + this * attention) / mean"
-    )
-    prune: Literal["none", "pixel", "blend"] = "none"
-    prune_initial: bool = False
-    prune_attention: float = Field(0.05, ge=0, le=1, description="low attention is below this")
-    prune_opacity: float = Field(0.1, ge=0, le=1, description="low confidence is below this")
-    prune_contribution: float = Field(
-        0.0, ge=0, description="pixels' worth of blending weight in a view that sees the splat"
-    )
-
-    @model_validator(mode="after")
-    def _weighted_by_residual(self) -> "MethodConfig":
-        if self.weight_ssim and self.weighting != "residual":
-            # A alone is near 0 almost everywhere: D-SSIM would be switched off with L1
-            raise ValueError(
-                f"weight_ssim: expected weighting `residual`, found `{self.weighting}`"
-            )
-        return self
-
-    @property
-    def wants_blending(self) -> bool:
-        """Whether the rasteriser must sum blending weights (and attention) per splat."""
-        return self.prune == "blend" or self.densify_attention > 0 or self.prune_contribution > 0
-
-
-METHODS: dict[str, MethodConfig] = {
-    "3dgs": MethodConfig(),
-    "ours": MethodConfig(weighting="paper", prune="pixel", prune_initial=True),
-    "ours+": MethodConfig(
-        attention="object",
-        weighting="residual",
-        weight=1.0,
-        mask_weight=5.0,
-        weight_ssim=True,
-        edge_tolerance=1,
-        rates=2.0,
-        rates_final=0.03,
-        densify="absolute",
-        # weight on the object raises its gradient with it: with four times AbsGS's threshold
-        # fewer than half as many splats are left as in `3dgs` (docs/method.md)
-        densify_absolute=3.2e-3,
-        prune="blend",
-        prune_opacity=0.05,
-    ),
-}
-
-
 class Condition(Frozen):
     """Background × method, written ``nobg-ours``."""
 
@@ -256,9 +167,18 @@ class BenchmarkConfig(Frozen):
     sfm: SfmConfig = SfmConfig()
     train: TrainConfig = TrainConfig()
     methods: dict[str, MethodConfig] = Field(
-        default_factory=dict, description="further methods, or other settings of known ones"
+        default_factory=dict,
+        description="further methods, or other settings of known ones; `like` names a built-in "
+        "method whose settings stand where a table is silent",
     )
     run: RunConfig = RunConfig()
+
+    @field_validator("methods", mode="before")
+    @classmethod
+    def _like_another(cls, value: object) -> object:
+        if not isinstance(value, dict):
+            return value
+        return {name: unfolded(table) for name, table in value.items()}
 
     @field_validator("captures", "conditions", "seeds")
     @classmethod

@@ -3,7 +3,8 @@
 from pathlib import Path
 from typing import Any
 
-from mattgs_ops.config import BenchmarkConfig, Condition, MethodConfig, TrainConfig
+from mattgs_ops.config import BenchmarkConfig, Condition, TrainConfig
+from mattgs_ops.method import MethodConfig
 from mattgs_ops.progress import Progress
 from tasks.stage import Artifact, Cell, Place, Stage, perform
 

@@ -27,9 +27,10 @@ from numpy.typing import NDArray
 
 from mattgs_ops import sparse
 from mattgs_ops.camera import Camera
-from mattgs_ops.config import Condition, MethodConfig, TrainConfig
+from mattgs_ops.config import Condition, TrainConfig
 from mattgs_ops.errors import StageError
 from mattgs_ops.masks import Mask, SoftMap, clean, mask_name, quality, threshold, write_mask
+from mattgs_ops.method import MethodConfig
 from mattgs_ops.progress import Progress, no_progress
 from mattgs_ops.scene import PreparedCapture, Scene, View
 from mattgs_ops.segment import support

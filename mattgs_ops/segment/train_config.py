@@ -6,8 +6,9 @@ from typing import Literal
 
 from pydantic import Field, ValidationError, model_validator
 
-from mattgs_ops.config import Frozen, describe
+from mattgs_ops.config import describe
 from mattgs_ops.errors import InputError
+from mattgs_ops.frozen import Frozen
 
 
 class AugmentConfig(Frozen):

@@ -19,8 +19,9 @@ import torch
 
 from mattgs_ops import stopwatch
 from mattgs_ops.calibration import calibrate
-from mattgs_ops.config import Condition, MethodConfig, TrainConfig
+from mattgs_ops.config import Condition, TrainConfig
 from mattgs_ops.errors import InputError, StageError
+from mattgs_ops.method import MethodConfig
 from mattgs_ops.progress import Progress, no_progress
 from mattgs_ops.scene import Scene, View
 from mattgs_ops.splat import checkpoint

@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from mattgs_ops.attention import attention_map, loss_weights, point_scores
-from mattgs_ops.config import Background, MethodConfig, TrainConfig
+from mattgs_ops.config import Background, TrainConfig
 from mattgs_ops.errors import StageError
+from mattgs_ops.method import MethodConfig
 from mattgs_ops.splat.checkpoint import TrainingState
 from mattgs_ops.splat.densify import (
     Record,

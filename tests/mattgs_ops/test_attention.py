@@ -12,7 +12,7 @@ from mattgs_ops.attention import (
     point_scores,
 )
 from mattgs_ops.camera import Camera, Intrinsics
-from mattgs_ops.config import MethodConfig
+from mattgs_ops.method import MethodConfig
 
 KERNEL_X = np.array([[-1, 0, 1], [-2, 0, 2], [-1, 0, 1]], dtype=np.float64)
 KERNEL_Y = KERNEL_X.T

@@ -6,7 +6,6 @@ import pytest
 from pydantic import ValidationError
 
 from mattgs_ops.config import (
-    METHODS,
     PAPER_CONDITIONS,
     BenchmarkConfig,
     CaptureConfig,
@@ -14,6 +13,7 @@ from mattgs_ops.config import (
     load_toml,
 )
 from mattgs_ops.errors import InputError
+from mattgs_ops.method import METHODS
 
 
 def write(folder: Path, text: str) -> Path:
@@ -79,11 +79,6 @@ def test_a_method_of_ones_own_is_a_row_not_a_code_path() -> None:
     )
     assert config.method("mine").weighting == "residual"
     assert config.method("3dgs") == METHODS["3dgs"]
-
-
-def test_plain_3dgs_switches_nothing_of_ours_on() -> None:
-    plain = METHODS["3dgs"]
-    assert (plain.weighting, plain.prune, plain.prune_initial) == ("none", "none", False)
 
 
 @pytest.mark.parametrize("text", PAPER_CONDITIONS)

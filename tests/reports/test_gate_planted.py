@@ -25,10 +25,10 @@ from mattgs_ops.captures import prepare
 from mattgs_ops.config import (
     BenchmarkConfig,
     CaptureConfig,
-    MethodConfig,
     SegmentConfig,
     TrainConfig,
 )
+from mattgs_ops.method import MethodConfig
 from mattgs_ops.scene import Scene, SparsePoints, View
 from mattgs_ops.segment import infer
 from mattgs_ops.segment.report import MaskReport

@@ -5,7 +5,8 @@ from typing import Any
 
 import pytest
 
-from mattgs_ops.config import METHODS, BenchmarkConfig, MethodConfig
+from mattgs_ops.config import BenchmarkConfig
+from mattgs_ops.method import METHODS, MethodConfig
 from tasks.row import config_digest, settings
 from tasks.stage import Cell
 

@@ -12,8 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from mattgs_ops.config import BenchmarkConfig, MethodConfig, RunConfig
+from mattgs_ops.config import BenchmarkConfig, RunConfig
 from mattgs_ops.errors import StageError
+from mattgs_ops.method import MethodConfig
 from tasks.evaluate import evaluate
 from tasks.measure import measure
 from tasks.registry_live import read_curve

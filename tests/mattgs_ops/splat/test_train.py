@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 import torch
 
-from mattgs_ops.config import METHODS, Condition, MethodConfig, TrainConfig
+from mattgs_ops.config import Condition, TrainConfig
 from mattgs_ops.errors import StageError
+from mattgs_ops.method import METHODS, MethodConfig
 from mattgs_ops.scene import Scene, SparsePoints
 from mattgs_ops.splat import schedule as schedule_module
 from mattgs_ops.splat import trainer as trainer_module

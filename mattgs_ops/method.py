@@ -1,0 +1,110 @@
+"""What a method changes against plain 3DGS, and the three that are built in.
+
+``3dgs`` is Kerbl et al. 2023 and nothing of ours, ``ours`` MATT-GS read literally, ``ours+`` the
+best that its idea gives so far; docs/method.md says why each setting is what it is. A method of a
+benchmark's TOML file may start from one of them: ``like = "ours+"``.
+"""
+
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from mattgs_ops.frozen import Frozen
+
+
+class MethodConfig(Frozen):
+    """What a method changes against plain 3DGS; the defaults change nothing.
+
+    ``weighting``: ``paper`` is eq. 15, ``A * |y - y_hat|``; ``residual`` is
+    ``(1 + weight * A + mask_weight * M) * |y - y_hat|`` normalised to mean weight 1 (eq. 6, with
+    the mask M beside the attention A); with ``weight_ssim`` the same weight is on SSIM's map.
+    ``attention``: ``paper`` is eqs. 9–14 on the training image as it is; ``interior`` is computed
+    on the photo before compositing, and suppressed on a band along the mask's edge; ``object`` is
+    the same with everything outside the mask suppressed too, whatever the background.
+    ``densify``: which screen-space gradient asks for more splats, the ``signed`` sum over pixels
+    (Kerbl et al. 2023) or the ``absolute`` one (AbsGS, Ye et al. 2024).
+    ``prune``: how splats are scored for removal, at the projected centre (``pixel``, the paper's)
+    or by blending weight times attention (``blend``).
+    """
+
+    attention: Literal["paper", "interior", "object"] = "paper"
+    weighting: Literal["none", "paper", "residual"] = "none"
+    weight: float = Field(1.0, ge=0)
+    mask_weight: float = Field(0.0, ge=0, description="of the object's pixels, `residual` only")
+    weight_ssim: bool = Field(False, description="D-SSIM is weighted as L1 is, `residual` only")
+    edge_tolerance: int = Field(
+        0,
+        ge=0,
+        description="pixels around a cut-out whose emptiness weighs nothing, `residual` on `nobg`",
+    )
+    rates: float = Field(1.0, gt=0, description="times every learning rate but opacity's")
+    rates_final: float = Field(
+        1.0,
+        gt=0,
+        le=1,
+        description="share of all learning rates but the position's that is left at the end, see "
+        "`Schedule.rate_share`",
+    )
+    densify: Literal["signed", "absolute"] = "signed"
+    densify_absolute: float = Field(
+        8e-4, gt=0, description="threshold of the absolute gradient; gsplat's default"
+    )
+    densify_attention: float = Field(
+        0.0, ge=0, description="a splat's gradient counts (1 + this * attention) / mean"
+    )
+    prune: Literal["none", "pixel", "blend"] = "none"
+    prune_initial: bool = False
+    prune_attention: float = Field(0.05, ge=0, le=1, description="low attention is below this")
+    prune_opacity: float = Field(0.1, ge=0, le=1, description="low confidence is below this")
+    prune_contribution: float = Field(
+        0.0, ge=0, description="pixels' worth of blending weight in a view that sees the splat"
+    )
+
+    @model_validator(mode="after")
+    def _weighted_by_residual(self) -> "MethodConfig":
+        if self.weight_ssim and self.weighting != "residual":
+            # A alone is near 0 almost everywhere: D-SSIM would be switched off with L1
+            raise ValueError(
+                f"weight_ssim: expected weighting `residual`, found `{self.weighting}`"
+            )
+        return self
+
+    @property
+    def wants_blending(self) -> bool:
+        """Whether the rasteriser must sum blending weights (and attention) per splat."""
+        return self.prune == "blend" or self.densify_attention > 0 or self.prune_contribution > 0
+
+
+METHODS: dict[str, MethodConfig] = {
+    "3dgs": MethodConfig(),
+    "ours": MethodConfig(weighting="paper", prune="pixel", prune_initial=True),
+    "ours+": MethodConfig(
+        attention="object",
+        weighting="residual",
+        weight=1.0,
+        mask_weight=5.0,
+        weight_ssim=True,
+        edge_tolerance=1,
+        rates=2.0,
+        rates_final=0.03,
+        densify="absolute",
+        # weight on the object raises its gradient with it: with four times AbsGS's threshold
+        # fewer than half as many splats are left as in `3dgs` (docs/method.md)
+        densify_absolute=3.2e-3,
+        prune="blend",
+        prune_opacity=0.05,
+    ),
+}
+
+
+def unfolded(table: object) -> object:
+    """Replace the key ``like`` of a method's table by the settings of that built-in method.
+
+    Raises ValueError naming the known ones. What is not a table is left to validation.
+    """
+    if not isinstance(table, dict) or "like" not in table:
+        return table
+    name = table["like"]
+    if name not in METHODS:
+        raise ValueError(f"like = {name!r}: expected one of {', '.join(METHODS)}")
+    return METHODS[name].model_dump() | {k: v for k, v in table.items() if k != "like"}

@@ -1,0 +1,46 @@
+"""The built-in methods, and methods of one's own that start from them."""
+
+from pathlib import Path
+
+import pytest
+
+from mattgs_ops.config import BenchmarkConfig, load_toml
+from mattgs_ops.errors import InputError
+from mattgs_ops.method import METHODS, MethodConfig
+
+ABLATION = Path(__file__).parents[2] / "benchmarks" / "ablation.toml"
+
+
+def test_plain_3dgs_switches_nothing_of_ours_on() -> None:
+    assert METHODS["3dgs"] == MethodConfig()
+    plain = METHODS["3dgs"]
+    assert (plain.weighting, plain.prune, plain.prune_initial) == ("none", "none", False)
+
+
+def test_a_method_like_another_differs_in_what_its_table_says() -> None:
+    tables = {"mine": {"like": "ours+", "prune": "none"}, "plain": {"weight": 3.0}}
+    config = BenchmarkConfig.model_validate({"methods": tables})
+    assert config.method("mine") == METHODS["ours+"].model_copy(update={"prune": "none"})
+    assert config.method("plain") == MethodConfig(weight=3.0)
+
+
+def test_a_method_like_an_unknown_one_is_refused_by_name(tmp_path: Path) -> None:
+    path = tmp_path / "benchmark.toml"
+    path.write_text('[methods.mine]\nlike = "mine-too"\n')
+    with pytest.raises(InputError, match=r"methods.*like = 'mine-too': expected one of 3dgs, ours"):
+        load_toml(path)
+
+
+def test_the_ablation_leaves_out_and_adds_one_part_at_a_time() -> None:
+    config = load_toml(ABLATION)
+    plain, best = METHODS["3dgs"], METHODS["ours+"]
+    parts = {condition.removeprefix("nobg-") for condition in config.conditions}
+    added = {name for name in parts if name.startswith("only-")}
+    left_out = {name for name in parts if name.startswith("no-")}
+    assert parts == added | left_out | {"3dgs", "ours+"}
+    for name in parts:
+        for field in MethodConfig.model_fields:
+            value = getattr(config.method(name), field)
+            assert value in (getattr(plain, field), getattr(best, field), 0.0, 8e-4), (name, field)
+    assert all(config.method(name) != plain for name in added)
+    assert all(config.method(name) != best for name in left_out)

@@ -146,7 +146,7 @@ void run(const BackwardTile& t) {
     constexpr int size = STATISTICS ? SLOT_SIZE : SLOT_SIZE_PLAIN;
     State state;
     start(t, state);
-    const auto slot_at = [&](int i) { return t.slots + (int64_t)t.slot_of[i] * size; };
+    const auto slot_at = [&](int i) { return t.slots + (int64_t)t.view.pairs[i].place * size; };
     for (int i = t.processed; i < t.view.pair_count; ++i) {
         float* slot = slot_at(i);
         for (int k = 0; k < size; ++k) slot[k] = 0.0f;

@@ -7,6 +7,7 @@
 
 namespace mattgs {
 
+constexpr int MAX_SIDE = 1 << 15;               // of an image, pixels
 constexpr int TILE = 32;                        // pixels, both ways
 constexpr int STRIP = 8;                        // columns that share a span of rows
 constexpr int STRIPS = TILE / STRIP;
@@ -59,11 +60,17 @@ struct alignas(16) Projected {
 static_assert(sizeof(Projected) == 48);
 
 // A splat in a tile: for each strip of 8 columns the rows [first, last) it may touch.
-struct Pair {
+struct alignas(16) Pair {
     uint32_t rank;              // position in depth order
+    uint32_t place;             // the tile, and when pairs are sorted by tile the slot of its sums
     uint8_t first[STRIPS], last[STRIPS];
 };
-static_assert(sizeof(Pair) == 12);
+static_assert(sizeof(Pair) == 16);
+
+// The slots of one splat, one a pair.
+struct Slots {
+    uint32_t end, count;        // one after the last; how many
+};
 
 // Sums over the pixels of one pair; q = alpha * dL/dalpha, w = blending weight.
 enum Slot {
@@ -103,7 +110,6 @@ struct BackwardTile {
     const float* grad_alpha;    // [height, width] or null
     const float* pixel_map;     // [height, width] or null
     float* slots;               // of all tiles, those of one splat one after the other
-    const uint32_t* slot_of;    // this tile's pairs: which slot is theirs
     bool statistics;
     int32_t processed;
 };
@@ -115,9 +121,9 @@ struct BinningChunk {
     int32_t width, height, tiles_x, tiles_y;
     Projected* sorted;          // out, by rank
     Pair* pairs;                // out
-    uint32_t* tiles;            // out: tile of each pair
-    int64_t capacity, written;  // of pairs and tiles
-    uint32_t* splat_pairs;      // out, by splat: how many pairs
+    int64_t capacity, written;  // of pairs
+    Slots* slots;               // by splat; out: their count
+    float* radii;               // by splat; out: 0 where there is no pair
     uint32_t* histogram;        // [tiles_x * tiles_y], added to
 };
 
@@ -143,8 +149,7 @@ struct ProjectOutputs {
 
 // What going back needs from the pixels and from project().
 struct SplatSums {
-    const uint32_t* pairs;      // by splat: how many,
-    const uint32_t* first_slot; // and the first of their slots
+    const Slots* of;            // by splat: which
     const float* slots;
     const float* colours;       // as project() left them
     bool statistics;

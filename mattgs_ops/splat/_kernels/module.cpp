@@ -63,7 +63,8 @@ int checked_threads(int threads) {
 // World to camera as 9 + 3 floats; fx, fy, cx, cy.
 Camera camera_of(const std::array<double, 9>& r, const std::array<double, 3>& t,
                  const std::array<double, 4>& k, int width, int height) {
-    if (width < 1 || height < 1) throw nb::value_error("camera: expected a positive size");
+    if (width < 1 || height < 1 || width > MAX_SIDE || height > MAX_SIDE)
+        throw nb::value_error("camera: expected 1 to 32768 pixels a side");
     Camera c{};
     for (int i = 0; i < 9; ++i) c.rotation[i] = static_cast<float>(r[i]);
     for (int i = 0; i < 3; ++i) {

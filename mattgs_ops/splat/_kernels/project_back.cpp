@@ -12,9 +12,9 @@ namespace {
 MATTGS_INLINE void sum_slots(const SplatSums& in, int64_t n, int lanes, F sums[SLOT_SIZE]) {
     alignas(64) float rows[LANES][SLOT_SIZE];
     const int size = in.statistics ? SLOT_SIZE : SLOT_SIZE_PLAIN;
-    const float* slot = in.slots + (int64_t)in.first_slot[n] * size;
+    const float* slot = in.slots + (int64_t)(in.of[n].end - in.of[n].count) * size;
     for (int i = 0; i < LANES; ++i) {
-        const uint32_t count = i < lanes ? in.pairs[n + i] : 0;
+        const uint32_t count = i < lanes ? in.of[n + i].count : 0;
         F8 low = {}, high = {};
         for (uint32_t k = 0; k < count; ++k, slot += size) {
             low += *reinterpret_cast<const FU8*>(slot);
@@ -133,7 +133,7 @@ MATTGS_INLINE Gradients gradients_of(const SplatArrays<const float>& s, const Ca
                                      int64_t n, int64_t last, const SplatSums& in) {
     const int lanes = lanes_left(n, last);
     I visible = I{};
-    for (int i = 0; i < lanes; ++i) visible[i] = in.pairs[n + i] ? -1 : 0;
+    for (int i = 0; i < lanes; ++i) visible[i] = in.of[n + i].count ? -1 : 0;
     Gradients out = {};
     if (!any(visible)) return out;
     sum_slots(in, n, lanes, out.sums);

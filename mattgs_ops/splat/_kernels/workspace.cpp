@@ -17,7 +17,7 @@ namespace {
 
 constexpr int64_t SPLATS_PER_TASK = 1024;
 constexpr int64_t MOST_LANES = 16;
-constexpr int64_t PREFETCH_SPLATS = 16;  // in depth order they lie anywhere
+constexpr int64_t PAIRS_AHEAD = 16, TILE_PAIRS_AHEAD = 6;  // prefetched
 
 // Workspaces of renderings that are gone, kept so that a training loop allocates nothing.
 std::mutex free_mutex;
@@ -73,9 +73,8 @@ int64_t ceil_div(int64_t a, int64_t b) { return (a + b - 1) / b; }
 int64_t Workspace::bytes() const {
     int64_t sum = unsorted.bytes() + sorted.bytes() + depths.bytes() + colours.bytes() +
                   slots.bytes() + scratch.bytes() + keys.bytes() + keys_spare.bytes() + order.bytes() +
-                  splat_pairs.bytes() + first_slot.bytes() + slot_of.bytes() + pairs.bytes() +
-                  pixels.bytes();
-    for (const Chunk& c : chunks) sum += c.pairs.bytes() + c.tiles.bytes();
+                  slots_of.bytes() + pairs.bytes() + pixels.bytes();
+    for (const Chunk& c : chunks) sum += c.pairs.bytes();
     return sum;
 }
 
@@ -152,11 +151,11 @@ void Rendering::sort() {
     for (int64_t i = 0; i < n; ++i) order[i] = static_cast<uint32_t>(keys[i]);
 }
 
-void Rendering::bin() {
+void Rendering::bin(float* radii) {
     Workspace& w = *work_;
     const std::size_t tiles = static_cast<std::size_t>(tiles_x_) * tiles_y_;
     w.sorted.fit(visible_);
-    std::fill_n(w.splat_pairs.fit(count_), count_, 0u);
+    std::fill_n(w.slots_of.fit(count_), count_, Slots{});
     if (static_cast<int>(w.chunks.size()) < threads_) w.chunks.resize(threads_);
     parallel(threads_, threads_, [&](int64_t k) {
         Chunk& c = w.chunks[static_cast<std::size_t>(k)];
@@ -173,12 +172,12 @@ void Rendering::bin() {
         b.tiles_x = tiles_x_;
         b.tiles_y = tiles_y_;
         b.sorted = w.sorted.data();
-        b.splat_pairs = w.splat_pairs.data();
+        b.slots = w.slots_of.data();
+        b.radii = radii;
         b.histogram = c.histogram.data();
         while (b.first < b.last) {
-            b.capacity = std::min(c.pairs.capacity(), c.tiles.capacity());
+            b.capacity = c.pairs.capacity();
             b.pairs = c.pairs.data();
-            b.tiles = c.tiles.data();
             const int64_t before = b.first;
             kernels_.bin(b);
             if (b.first == b.last) break;
@@ -186,7 +185,6 @@ void Rendering::bin() {
             int64_t room = b.capacity + b.capacity / 2 + 4 * (b.last - b.first);
             if (b.first == before) room = std::max(room, b.written + static_cast<int64_t>(tiles));
             c.pairs.extend(room, b.written);
-            c.tiles.extend(room, b.written);
         }
         c.written = b.written;
     });
@@ -196,7 +194,7 @@ void Rendering::bin() {
         throw std::length_error("more than 2^32 pairs of splats and tiles");
 }
 
-void Rendering::scatter(float* radii) {
+void Rendering::scatter() {
     Workspace& w = *work_;
     const std::size_t tiles = static_cast<std::size_t>(tiles_x_) * tiles_y_;
     w.tile_start.resize(tiles + 1);
@@ -210,31 +208,26 @@ void Rendering::scatter(float* radii) {
         }
     }
     w.tile_start[tiles] = sum;
-    const uint32_t* counts = w.splat_pairs.data();
-    uint32_t* first_slot = w.first_slot.fit(count_);
+    Slots* slots = w.slots_of.data();
     sum = 0;
     for (int64_t n = 0; n < count_; ++n) {
-        first_slot[n] = sum;
-        sum += counts[n];
+        slots[n].end = sum;  // of the ones before, and when the pairs are placed of these
+        sum += slots[n].count;
     }
     Pair* pairs = w.pairs.fit(pair_count_);
-    uint32_t* slot_of = w.slot_of.fit(pair_count_);
+    const uint32_t* order = w.order.data();
     parallel(threads_, threads_, [&](int64_t k) {
         Chunk& c = w.chunks[static_cast<std::size_t>(k)];
-        const uint32_t* order = w.order.data();
-        const uint32_t* tile = c.tiles.data();
-        const Pair* pair = c.pairs.data();
-        for (int64_t r = c.first; r < c.last; ++r) {
-            const uint32_t ahead = order[std::min(r + PREFETCH_SPLATS, c.last - 1)];
-            __builtin_prefetch(counts + ahead);
-            __builtin_prefetch(first_slot + ahead);
-            const uint32_t splat = order[r], count = counts[splat];
-            for (uint32_t i = 0; i < count; ++i) {
-                const uint32_t to = c.histogram[*tile++]++;
-                pairs[to] = *pair++;
-                slot_of[to] = first_slot[splat] + i;
-            }
-            if (!count) radii[splat] = 0.0f;
+        uint32_t* next = c.histogram.data();
+        const Pair* from = c.pairs.data();
+        for (int64_t i = 0; i < c.written; ++i) {
+            const Pair& ahead = from[std::min(i + PAIRS_AHEAD, c.written - 1)];
+            __builtin_prefetch(slots + order[ahead.rank], 1);
+            Pair pair = from[i];
+            Pair& to = pairs[next[pair.place]++];
+            pair.place = slots[order[pair.rank]].end++;
+            to = pair;
+            __builtin_prefetch(&to + TILE_PAIRS_AHEAD, 1);  // as many streams as there are tiles
         }
     });
     // the costliest tiles first, so that no thread is left with one at the end
@@ -267,8 +260,8 @@ int64_t Rendering::forward(const SplatArrays<const float>& splats, const RenderO
     watch.lap(seconds_[0]);
     sort();
     watch.lap(seconds_[1]);
-    bin();
-    scatter(out.radii);
+    bin(out.radii);
+    scatter();
     watch.lap(seconds_[2]);
     Workspace& w = *work_;
     const int64_t tiles = static_cast<int64_t>(tiles_x_) * tiles_y_;
@@ -304,13 +297,11 @@ SplatSums Rendering::composite_back(const BackwardInputs& in, bool statistics) {
         job.grad_alpha = in.grad_alpha;
         job.pixel_map = in.pixel_map;
         job.slots = w.slots.data();
-        job.slot_of = w.slot_of.data() + w.tile_start[static_cast<std::size_t>(t)];
         job.statistics = statistics;
         job.processed = w.processed[static_cast<std::size_t>(t)];
         kernels_.backward(job);
     });
-    return {w.splat_pairs.data(), w.first_slot.data(), w.slots.data(), w.colours.data(),
-            statistics};
+    return {w.slots_of.data(), w.slots.data(), w.colours.data(), statistics};
 }
 
 void Rendering::backward(const SplatArrays<const float>& splats, const BackwardInputs& in,

@@ -61,7 +61,6 @@ private:
 
 struct Chunk {  // what one thread bins
     Buffer<Pair> pairs;
-    Buffer<uint32_t> tiles;
     std::vector<uint32_t> histogram;
     int64_t first = 0, last = 0, written = 0;
 };
@@ -70,7 +69,8 @@ struct Workspace {
     Buffer<Projected> unsorted, sorted;
     Buffer<float> depths, colours, slots, scratch;
     Buffer<uint64_t> keys, keys_spare;
-    Buffer<uint32_t> order, splat_pairs, first_slot, slot_of;
+    Buffer<uint32_t> order;
+    Buffer<Slots> slots_of;
     Buffer<Pair> pairs;
     Buffer<TilePixels> pixels;
     std::vector<Chunk> chunks;
@@ -118,8 +118,8 @@ public:
 private:
     int64_t project(const SplatArrays<const float>& splats, const RenderOutputs& out);
     void sort();
-    void bin();
-    void scatter(float* radii);
+    void bin(float* radii);
+    void scatter();
     SplatSums composite_back(const BackwardInputs& in, bool statistics);
     TileView tile(int64_t t) const;
 

@@ -103,6 +103,18 @@ MATTGS_INLINE int lanes_left(int64_t first, int64_t end) {
     return end - first < LANES ? (int)(end - first) : LANES;
 }
 
+// Asks for splats [n, n + LANES): they come in more streams than hardware prefetchers follow.
+template <class T>
+MATTGS_INLINE void prefetch_splats(const SplatArrays<T>& s, int degree, int64_t n) {
+    if (n + LANES > s.count) return;
+    prefetch_floats(s.means + 3 * n, 3 * LANES);
+    prefetch_floats(s.log_scales + 3 * n, 3 * LANES);
+    prefetch_floats(s.quaternions + 4 * n, 4 * LANES);
+    prefetch_floats(s.opacity_logits + n, LANES);
+    prefetch_floats(s.sh_dc + 3 * n, 3 * LANES);
+    if (degree > 0) prefetch_floats(s.sh_rest + 3 * SH_REST * n, 3 * SH_REST * LANES);
+}
+
 struct Inputs {
     F mean[3], log_scale[3], quat[4], logit;
 };

@@ -66,6 +66,7 @@ int64_t project(const SplatArrays<const float>& s, const Camera& c, int degree, 
     int64_t bad = 0;
     for (int64_t n = first; n < last; n += LANES) {
         const int lanes = lanes_left(n, last);
+        prefetch_splats(s, degree, n + LANES);
         const Inputs in = read_inputs(s, n, last);
         const I broken = not_finite(in);
         for (int i = 0; i < lanes; ++i) bad -= broken[i];

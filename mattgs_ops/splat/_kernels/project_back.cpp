@@ -249,6 +249,10 @@ uint32_t descend(const Camera& c, int degree, int64_t first, int64_t last, const
     for (int64_t start = first; start < last; start += BLOCK) {
         const int64_t end = start + BLOCK < last ? start + BLOCK : last;
         for (int64_t n = start; n < end; n += LANES) {
+            // for Adam, while the gradients are worked out
+            prefetch_splats(v, degree, n);
+            prefetch_splats(m, degree, n);
+            prefetch_splats(w, degree, n);
             const Gradients g = gradients_of(s, c, degree, n, last, in);
             broken |= broken_fields(g);
             block.set(g, degree, (int)(n - start));

@@ -43,6 +43,13 @@ MATTGS_INLINE I load(const int32_t* p) { return *reinterpret_cast<const IU*>(p);
 MATTGS_INLINE void store(float* p, F v) { *reinterpret_cast<FU*>(p) = v; }
 MATTGS_INLINE void store(int32_t* p, I v) { *reinterpret_cast<IU*>(p) = v; }
 
+// Asks for the cache lines of `count` floats at p, into the second-level cache: the first is too
+// small for what is asked for this early.
+MATTGS_INLINE void prefetch_floats(const float* p, int64_t count) {
+    constexpr int LINE = 16;
+    for (int64_t i = 0; i < count; i += LINE) __builtin_prefetch(p + i, 0, 2);
+}
+
 // The compilers turn these into two instructions unless told which one it is.
 #if defined(__AVX2__) && MATTGS_LANES == 8
 MATTGS_INLINE F min(F a, F b) { return (F)_mm256_min_ps((__m256)a, (__m256)b); }

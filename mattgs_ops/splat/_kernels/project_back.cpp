@@ -27,6 +27,14 @@ MATTGS_INLINE void sum_slots(const SplatSums& in, int64_t n, int lanes, F sums[S
     gather_rows<SLOT_SIZE>(rows[0], LANES, sums);
 }
 
+// Asks for the slots of the LANES splats after those from n on.
+MATTGS_INLINE void prefetch_slots(const SplatSums& in, int64_t n, int64_t last) {
+    if (n + 2 * LANES > last) return;
+    const int size = in.statistics ? SLOT_SIZE : SLOT_SIZE_PLAIN;
+    const int64_t from = in.of[n + LANES - 1].end, to = in.of[n + 2 * LANES - 1].end;
+    prefetch_floats(in.slots + from * size, (to - from) * size);
+}
+
 MATTGS_INLINE void rotation_gradient(const F q[4], F q_scale, const F g[3][3], F out[4]) {
     const F w = q[0], x = q[1], y = q[2], z = q[3];
     F d[4];
@@ -119,10 +127,10 @@ MATTGS_INLINE void colour_gradient(const float* kept, const Camera& c, int degre
         out.colour[k] = keep(out.sums[SUM_RED + k], (load(kept + k * LANES) > 0.0f) & visible);
         out.dc[k] = SH_0 * out.colour[k];
     }
-    if (degree == 0) return;
     view_direction(mean, c, d);
     sh_basis(d, degree, out.basis);
     out.basis[SH_ROW - 1] = F{};
+    if (degree == 0) return;
     for (int j = 0; j < 3; ++j)
         for (int k = 0; k < 3; ++k)
             out.mean[k] += load(kept + (3 + 3 * j + k) * LANES) * out.colour[j];
@@ -132,10 +140,11 @@ MATTGS_INLINE void colour_gradient(const float* kept, const Camera& c, int degre
 MATTGS_INLINE Gradients gradients_of(const SplatArrays<const float>& s, const Camera& c, int degree,
                                      int64_t n, int64_t last, const SplatSums& in) {
     const int lanes = lanes_left(n, last);
+    prefetch_slots(in, n, last);
     I visible = I{};
     for (int i = 0; i < lanes; ++i) visible[i] = in.of[n + i].count ? -1 : 0;
-    Gradients out = {};
-    if (!any(visible)) return out;
+    if (!any(visible)) return Gradients{};
+    Gradients out;
     sum_slots(in, n, lanes, out.sums);
     const Inputs splat = read_inputs(s, n, last);
     const Geometry g = geometry_of(splat.mean, splat.log_scale, splat.quat, c);
@@ -187,8 +196,9 @@ MATTGS_INLINE void write_rest(const Gradients& g, float* to) {
     }
 }
 
-// Gradients of a few splats, laid out like their parameters: they stay in the first-level cache.
-constexpr int BLOCK = 64;
+// Gradients of some splats, laid out like their parameters. They stay in the second-level cache, and
+// are many enough for Adam to go through memory in long runs, as hardware prefetchers like it.
+constexpr int BLOCK = 256;
 static_assert(BLOCK % LANES == 0);
 
 struct Block {
@@ -249,10 +259,10 @@ uint32_t descend(const Camera& c, int degree, int64_t first, int64_t last, const
     for (int64_t start = first; start < last; start += BLOCK) {
         const int64_t end = start + BLOCK < last ? start + BLOCK : last;
         for (int64_t n = start; n < end; n += LANES) {
-            // for Adam, while the gradients are worked out
-            prefetch_splats(v, degree, n);
-            prefetch_splats(m, degree, n);
-            prefetch_splats(w, degree, n);
+            // for Adam, while the gradients are worked out: its short runs, without the harmonics
+            prefetch_splats(v, 0, n);
+            prefetch_splats(m, 0, n);
+            prefetch_splats(w, 0, n);
             const Gradients g = gradients_of(s, c, degree, n, last, in);
             broken |= broken_fields(g);
             block.set(g, degree, (int)(n - start));

@@ -74,10 +74,11 @@ class StatusFile:
             self._write(replace(status, done=done, total=total, note=note, updated=time.time()))
 
     def end(self, state: State, note: str = "") -> None:
-        """State how the stage ended."""
-        status = read(self.path) or Status(self.path.stem, "")
+        """State how the stage ended, also where another run of the same name took its file away."""
+        now = time.time()
+        status = read(self.path) or Status(self.path.stem, "", started=now)
         done = status.total if state in ("done", "cached") else status.done
-        self._write(replace(status, state=state, done=done, note=note, updated=time.time()))
+        self._write(replace(status, state=state, done=done, note=note, updated=now))
 
     def learn(self, title: str, stage: str, state: State, seconds: float, note: str = "") -> None:
         """State how a stage ended on a machine whose status files are not seen here."""

@@ -39,3 +39,10 @@ def test_only_what_is_not_seen_here_is_learnt(tmp_path: Path) -> None:
     learnt = read(elsewhere.path)
     assert learnt is not None
     assert round(learnt.seconds, 1) == 12.5
+
+
+def test_a_stage_whose_file_was_taken_away_ends_now_and_took_no_time(tmp_path: Path) -> None:
+    StatusFile(tmp_path / "train.json").end("done")
+    found = read(tmp_path / "train.json")
+    assert found is not None
+    assert (found.state, found.seconds) == ("done", 0)

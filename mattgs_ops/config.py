@@ -13,10 +13,9 @@ from typing import Annotated, Literal
 from pydantic import Field, ValidationError, field_validator, model_validator
 
 from mattgs_ops.errors import InputError
-from mattgs_ops.frozen import Frozen
+from mattgs_ops.frozen import Background, Frozen
 from mattgs_ops.method import METHODS, MethodConfig, unfolded
 
-Background = Literal["original", "nobg"]
 Slug = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._+-]*$", max_length=64)]
 BUNDLED = ("rover", "hexapod", "lattepanda")
 

@@ -1,6 +1,10 @@
-"""The base of all configuration: what is known about it holds for every table of a TOML file."""
+"""The base of all configuration, and a word that several of its modules need."""
+
+from typing import Literal
 
 from pydantic import BaseModel, ConfigDict
+
+Background = Literal["original", "nobg"]
 
 
 class Frozen(BaseModel):

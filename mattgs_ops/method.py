@@ -9,7 +9,7 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from mattgs_ops.frozen import Frozen
+from mattgs_ops.frozen import Background, Frozen
 
 
 class MethodConfig(Frozen):
@@ -49,6 +49,9 @@ class MethodConfig(Frozen):
     densify_absolute: float = Field(
         8e-4, gt=0, description="threshold of the absolute gradient; gsplat's default"
     )
+    densify_absolute_nobg: float | None = Field(
+        None, gt=0, description="the same where the background was removed; None: no other"
+    )
     densify_attention: float = Field(
         0.0, ge=0, description="a splat's gradient counts (1 + this * attention) / mean"
     )
@@ -69,6 +72,12 @@ class MethodConfig(Frozen):
             )
         return self
 
+    def absolute_threshold(self, background: Background) -> float:
+        """Return the absolute gradient from which a splat is cloned or split."""
+        if background == "nobg" and self.densify_absolute_nobg is not None:
+            return self.densify_absolute_nobg
+        return self.densify_absolute
+
     @property
     def wants_blending(self) -> bool:
         """Whether the rasteriser must sum blending weights (and attention) per splat."""
@@ -88,9 +97,10 @@ METHODS: dict[str, MethodConfig] = {
         rates=2.0,
         rates_final=0.03,
         densify="absolute",
-        # weight on the object raises its gradient with it: with four times AbsGS's threshold
-        # fewer than half as many splats are left as in `3dgs` (docs/method.md)
-        densify_absolute=3.2e-3,
+        # weight on the object raises its gradient with it: more than AbsGS's threshold leaves half
+        # as many splats as in `3dgs` and fewer, most of all where a background takes its share
+        densify_absolute=1.5e-3,
+        densify_absolute_nobg=3.2e-3,
         prune="blend",
         prune_opacity=0.05,
     ),

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mattgs_ops.camera import Camera
-from mattgs_ops.config import Background
 from mattgs_ops.errors import StageError
+from mattgs_ops.frozen import Background
 from mattgs_ops.scene import SparsePoints
 from mattgs_ops.sparse import OBJECT_SHARE
 from mattgs_ops.splat.gaussians import Splats

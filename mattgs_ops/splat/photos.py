@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mattgs_ops.camera import Camera
-from mattgs_ops.config import Background
 from mattgs_ops.errors import InputError
+from mattgs_ops.frozen import Background
 from mattgs_ops.scene import View
 
 Floats = NDArray[np.float32]

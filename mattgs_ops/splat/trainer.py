@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from mattgs_ops.attention import attention_map, loss_weights, point_scores
-from mattgs_ops.config import Background, TrainConfig
+from mattgs_ops.config import TrainConfig
 from mattgs_ops.errors import StageError
+from mattgs_ops.frozen import Background
 from mattgs_ops.method import MethodConfig
 from mattgs_ops.splat.checkpoint import TrainingState
 from mattgs_ops.splat.densify import (
@@ -213,12 +214,14 @@ class Trainer:
             self._prune_unattended(state)
             self._prune_idle(state)
         before = len(state.splats)
-        absolute = self.method.densify == "absolute"
+        threshold = self.config.densify_gradient
+        if self.method.densify == "absolute":
+            threshold = self.method.absolute_threshold(self.background)
         state.splats = grow(
             state.splats,
             state.adam,
             state.record.gradients(self.method.densify_attention),
-            self.method.densify_absolute if absolute else self.config.densify_gradient,
+            threshold,
             self.config,
             self.extent,
             state.streams["split"],

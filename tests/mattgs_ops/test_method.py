@@ -17,6 +17,13 @@ def test_plain_3dgs_switches_nothing_of_ours_on() -> None:
     assert (plain.weighting, plain.prune, plain.prune_initial) == ("none", "none", False)
 
 
+def test_the_threshold_of_splats_without_a_background_is_the_same_unless_it_is_said() -> None:
+    same = MethodConfig(densify_absolute=2e-3)
+    other = MethodConfig(densify_absolute=2e-3, densify_absolute_nobg=3e-3)
+    assert [same.absolute_threshold(b) for b in ("original", "nobg")] == [2e-3, 2e-3]
+    assert [other.absolute_threshold(b) for b in ("original", "nobg")] == [2e-3, 3e-3]
+
+
 def test_a_method_like_another_differs_in_what_its_table_says() -> None:
     tables = {"mine": {"like": "ours+", "prune": "none"}, "plain": {"weight": 3.0}}
     config = BenchmarkConfig.model_validate({"methods": tables})

@@ -319,6 +319,9 @@ def test_the_absolute_gradient_has_a_threshold_of_its_own(run: Train) -> None:
     )
     assert low > 0
     assert high == 0
+    apart = MethodConfig(densify="absolute", densify_absolute=1e-5, densify_absolute_nobg=1.0)
+    assert run("with", "original-3dgs", method=apart).counters["added"] > 0
+    assert run("without", "nobg-3dgs", method=apart).counters["added"] == 0
 
 
 def test_starting_points_without_attention_are_dropped_but_never_nearly_all(

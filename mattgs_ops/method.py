@@ -100,7 +100,7 @@ METHODS: dict[str, MethodConfig] = {
         # weight on the object raises its gradient with it: more than AbsGS's threshold leaves half
         # as many splats as in `3dgs` and fewer, most of all where a background takes its share
         densify_absolute=2e-3,
-        densify_absolute_nobg=3.2e-3,
+        densify_absolute_nobg=3e-3,
         prune="blend",
         prune_opacity=0.05,
     ),

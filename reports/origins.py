@@ -14,7 +14,7 @@ from reports.rows import Row, capture_name, captures, cells
 
 DIGEST = 12  # letters of a digest that tell two apart
 Origin = tuple[str, ...]
-MACHINE = ("cpu", "cpu_kind", "cores", "threads")
+MACHINE = ("cpu", "cpu_kind", "threads")
 # What structure-from-motion and the masks report of their outcome, not of their time
 SHARED = ("registered", "points", "object_points", "reprojection_error")
 
@@ -34,8 +34,15 @@ def origin_of(row: Row) -> Origin:
 
 
 def machine_of(row: Row) -> Origin:
-    """Return what tells the machine of a row from others."""
-    return tuple(str(_provenance(row).get(name)) for name in MACHINE)
+    """Return what tells the machine of a row from others.
+
+    Cores count up to the training's threads: one thread is no faster for a second core, and how
+    many cores a process may use is often a matter of how it was started.
+    """
+    origin = _provenance(row)
+    cores, threads = origin.get("cores"), origin.get("threads")
+    used = min(int(cores), int(threads)) if cores and threads else cores
+    return (*(str(origin.get(name)) for name in MACHINE), str(used))
 
 
 def notes(rows: Sequence[Row]) -> list[str]:

@@ -169,3 +169,12 @@ def test_times_compare_only_on_one_machine(make_row: MakeRow) -> None:
     (found,) = verdict.verdicts([*elsewhere.rows, *base.rows])
     assert "training time" not in found.headline
     assert "time ×" not in "".join(found.details)
+
+
+@pytest.mark.parametrize(("threads", "kinds"), [("1", 1), ("2", 2), ("8", 2)])
+def test_cores_that_no_thread_uses_make_no_other_machine(
+    make_row: MakeRow, threads: str, kinds: int
+) -> None:
+    row = changed(make_row("rover", "nobg", "3dgs"), "provenance.threads", threads)
+    machines = {origins.machine_of(changed(row, "provenance.cores", cores)) for cores in ("1", "4")}
+    assert len(machines) == kinds

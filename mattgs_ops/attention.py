@@ -85,8 +85,9 @@ def loss_weights(
     ``paper`` (eq. 15): A itself. ``residual`` (eq. 6): 1 + weight · A + mask_weight · M with the
     mask M [H, W] in [0, 1], divided by its mean over the image, so that the loss keeps its scale
     against D-SSIM. Where the background was ``removed``, nothing but the mask says that a pixel is
-    empty, and masks err at their edges by a pixel, differently in each view: pixels outside M but
-    within ``edge_tolerance`` of it then weigh nothing, so that no view erases what others show.
+    empty, and masks err at their edges, differently in each view: pixels outside M but within
+    ``edge_tolerance`` (times the longest side, rounded) of it then weigh nothing, so that no view
+    erases what others show.
     """
     if method.weighting == "none":
         return None
@@ -94,8 +95,9 @@ def loss_weights(
         return attention
     raised: Floats = 1 + np.float32(method.weight) * attention
     raised = raised + np.float32(method.mask_weight) * mask
-    if removed and method.edge_tolerance:
-        raised[_around(mask >= MASK_THRESHOLD, method.edge_tolerance)] = 0
+    pixels = round(method.edge_tolerance * max(mask.shape))
+    if removed and pixels:
+        raised[_around(mask >= MASK_THRESHOLD, pixels)] = 0
     weights: Floats = raised / np.float32(raised.mean(dtype=np.float64))
     return weights
 

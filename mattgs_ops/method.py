@@ -32,10 +32,12 @@ class MethodConfig(Frozen):
     weight: float = Field(1.0, ge=0)
     mask_weight: float = Field(0.0, ge=0, description="of the object's pixels, `residual` only")
     weight_ssim: bool = Field(False, description="D-SSIM is weighted as L1 is, `residual` only")
-    edge_tolerance: int = Field(
-        0,
+    edge_tolerance: float = Field(
+        0.0,
         ge=0,
-        description="pixels around a cut-out whose emptiness weighs nothing, `residual` on `nobg`",
+        le=0.1,
+        description="share of the image's longest side, rounded to pixels, in which emptiness "
+        "around a cut-out weighs nothing, `residual` on `nobg`",
     )
     rates: float = Field(1.0, gt=0, description="times every learning rate but opacity's")
     rates_final: float = Field(
@@ -93,7 +95,7 @@ METHODS: dict[str, MethodConfig] = {
         weight=1.0,
         mask_weight=5.0,
         weight_ssim=True,
-        edge_tolerance=1,
+        edge_tolerance=0.0025,  # a pixel of 400: less than one of what U²-Net sees
         rates=2.0,
         rates_final=0.03,
         densify="absolute",

@@ -140,19 +140,19 @@ def test_weights_are_none_the_map_itself_or_raised_to_mean_one() -> None:
         assert residual.mean() == pytest.approx(1, abs=1e-5)
 
 
-@pytest.mark.parametrize("pixels", [1, 2])
-def test_where_a_mask_may_err_emptiness_weighs_nothing(pixels: int) -> None:
+@pytest.mark.parametrize(("share", "pixels"), [(0.0, 0), (0.03, 0), (0.05, 1), (0.1, 2)])
+def test_where_a_mask_may_err_emptiness_weighs_nothing(share: float, pixels: int) -> None:
     rng = np.random.default_rng(6)
     mask = np.zeros((12, 15), np.float32)
     mask[4:9, 6:15] = rng.uniform(0.5, 1, (5, 9))  # touches the frame
     mask[9, 6:15] = 0.4  # mostly not the object
     attention = rng.random(mask.shape).astype(np.float32)
-    method = MethodConfig(weighting="residual", mask_weight=3, edge_tolerance=pixels)
+    method = MethodConfig(weighting="residual", mask_weight=3, edge_tolerance=share)
 
     expected = 1 + attention.astype(np.float64) + 3 * mask
     for y, x in np.ndindex(*mask.shape):
         near = mask[max(y - pixels, 0) : y + pixels + 1, max(x - pixels, 0) : x + pixels + 1]
-        if mask[y, x] < 0.5 <= near.max():
+        if pixels and mask[y, x] < 0.5 <= near.max():
             expected[y, x] = 0
     found = loss_weights(attention, mask, method, removed=True)
     assert found is not None

@@ -53,13 +53,10 @@ def interior_attention(photo: Floats, mask: Floats, *, removed: bool) -> Floats:
     ``mask`` [H, W] in [0, 1]; ``removed`` says that the background was composited away, so that
     nothing outside the object counts.
     """
-    inside = (mask >= MASK_THRESHOLD).astype(np.uint8)
-    reach = np.ones((2 * EDGE_BAND + 1,) * 2, np.uint8)
-    # outside the frame counts as more of the same: the frame's border is no edge of the mask
-    core = cv2.erode(inside, reach, borderType=cv2.BORDER_REPLICATE)
-    kept = core.astype(bool)
+    inside = mask >= MASK_THRESHOLD
+    kept = ~_grown(~inside, EDGE_BAND)
     if not removed:
-        kept |= cv2.dilate(inside, reach, borderType=cv2.BORDER_REPLICATE) == 0
+        kept |= ~_grown(inside, EDGE_BAND)
     return _min_max(sobel_magnitude(photo), kept)
 
 
@@ -97,16 +94,18 @@ def loss_weights(
     raised = raised + np.float32(method.mask_weight) * mask
     pixels = round(method.edge_tolerance * max(mask.shape))
     if removed and pixels:
-        raised[_around(mask >= MASK_THRESHOLD, pixels)] = 0
+        inside = mask >= MASK_THRESHOLD
+        raised[_grown(inside, pixels) & ~inside] = 0
     weights: Floats = raised / np.float32(raised.mean(dtype=np.float64))
     return weights
 
 
-def _around(inside: NDArray[np.bool_], pixels: int) -> NDArray[np.bool_]:
-    """Return what lies outside, but at most ``pixels`` from it in either direction."""
+def _grown(region: NDArray[np.bool_], pixels: int) -> NDArray[np.bool_]:
+    """Return what is at most ``pixels`` from a region in either direction."""
     reach = np.ones((2 * pixels + 1,) * 2, np.uint8)
-    near = cv2.dilate(inside.astype(np.uint8), reach).astype(bool)
-    found: NDArray[np.bool_] = near & ~inside
+    # outside the frame counts as more of the same: the frame's border is no edge of the mask
+    near = cv2.dilate(region.astype(np.uint8), reach, borderType=cv2.BORDER_REPLICATE)
+    found: NDArray[np.bool_] = near.astype(np.bool_)
     return found
 
 

@@ -30,12 +30,11 @@ from mattgs_ops.errors import InputError
 from reports.gate import collected
 from reports.gate_numbers import change_of
 from reports.rows import PROTOCOL, Row, cells, problems
-from reports.speed import seconds
+from reports.speed import MACHINE, seconds
 
 SCHEMA = 3
 FOLDER = Path(__file__).with_name("baselines")
 DROPPED = ("artifacts", "seconds")  # say where things lay on one disk, not what came out
-MACHINE = ("cpu", "cpu_kind", "cores", "threads", "workload")
 MADE_BY = ("code_version", "git", "config_digest", "inputs")
 FIELDS = {"name", "protocol", "machine", "made_by", "calibration", "noise", "rows_digest"}
 TRAIN_FIELDS = ("view", "split")  # training views matter by name only

@@ -39,6 +39,9 @@ class MethodConfig(Frozen):
         description="share of the image's longest side, rounded to pixels, in which emptiness "
         "around a cut-out weighs nothing, `residual` on `nobg`",
     )
+    alpha_loss: float = Field(
+        0.0, ge=0, description="times the mean of |opacity - mask|, on `nobg` only"
+    )
     rates: float = Field(1.0, gt=0, description="times every learning rate but opacity's")
     rates_final: float = Field(
         1.0,

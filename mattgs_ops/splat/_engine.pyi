@@ -43,6 +43,7 @@ class Rendering:
         self,
         splats: Arrays,
         grad_image: Array,
+        grad_alpha: Array | None,
         pixel_map: Array | None,
         first_moments: Arrays,
         second_moments: Arrays,

@@ -55,6 +55,10 @@ class TrainingState:
         streams = {n: np.random.default_rng(s) for n, s in zip(STREAMS, seeds, strict=True)}
         return cls(splats, Adam(splats), Record.empty(len(splats)), streams)
 
+    def count(self, name: str, more: int) -> None:
+        """Add to one of the counters, which begin at 0."""
+        self.counters[name] = self.counters.get(name, 0) + more
+
 
 def digest(files: Iterable[Path], parameters: Mapping[str, Any]) -> str:
     """Return SHA-256 over the contents of ``files`` and the JSON of ``parameters``."""

@@ -80,8 +80,8 @@ class Record:
 
 
 def logit(share: float) -> float:
-    """Return the logarithm of the odds, the form opacity is stored in."""
-    return math.log(share / (1 - share))
+    """Return the logarithm of the odds, the form opacity is stored in; infinite at 0 and at 1."""
+    return math.log(share / (1 - share)) if 0 < share < 1 else math.copysign(math.inf, share - 0.5)
 
 
 def reset_opacity(splats: Splats, adam: Adam) -> None:
@@ -123,14 +123,10 @@ def prune(splats: Splats, adam: Adam, removed: Tensor) -> Splats:
 
 def faint_or_huge(splats: Splats, config: TrainConfig, extent: float, *, huge: bool) -> Tensor:
     """Return who goes by the rules of 3DGS [N] bool; ``huge``: whether size is a reason yet."""
-    removed = splats.opacity_logits < _bound(config.prune_opacity)
+    removed = splats.opacity_logits < logit(config.prune_opacity)
     if huge:
         removed |= splats.log_scales.amax(dim=1) > math.log(HUGE_SHARE * extent)
     return removed
-
-
-def _bound(opacity: float) -> float:
-    return logit(opacity) if opacity > 0 else -math.inf
 
 
 def _strongest(gradient: Tensor, wanted: Tensor, room: int) -> Tensor:

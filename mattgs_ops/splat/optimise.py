@@ -46,6 +46,7 @@ class Adam:
         grad_image: Tensor,
         rates: Mapping[str, float],
         *,
+        grad_alpha: Tensor | None = None,
         pixel_map: Tensor | None = None,
         statistics: bool = False,
         memory: Memory | None = None,
@@ -58,14 +59,13 @@ class Adam:
         fields whose gradient was not finite; the splats are of no use then.
         """
         splats = rendering.splats
-        grad, _, attention = checked_pixels(rendering, grad_image, None, pixel_map)
+        pixels = checked_pixels(rendering, grad_image, grad_alpha, pixel_map)
         memory = Unshared() if memory is None else memory
         seen = Seen.taken(memory, len(splats), statistics=statistics)
         self.steps += 1
         broken = rendering.engine.descend(
             splat_arrays(splats),
-            grad,
-            attention,
+            *pixels,
             tuple(self.first[name].numpy() for name in FIELDS),
             tuple(self.second[name].numpy() for name in FIELDS),
             [rates[name] for name in FIELDS],

@@ -104,7 +104,8 @@ def loss_terms(trainer: Trainer, splats: Splats, colour: Colour) -> dict[str, fl
     share = trainer.config.ssim_lambda
     rows = []
     for index, view in enumerate(trainer.views):
-        image = render(splats, view.camera, colour, threads=trainer.threads).image
+        rendering = render(splats, view.camera, colour, threads=trainer.threads)
+        image = rendering.image
         target = trainer.target(view, colour)
         found = photometric_loss(
             image,
@@ -125,7 +126,7 @@ def loss_terms(trainer: Trainer, splats: Splats, colour: Colour) -> dict[str, fl
                 "loss": (1 - share) * l1 + share * dissimilar,
                 "paper_l1": paper,
                 "paper_loss": (1 - share) * paper + share * dissimilar,
-                "optimised_loss": found.loss,
+                "optimised_loss": found.loss + trainer.alpha_loss(index, rendering)[0],
             }
         )
     return {name: float(np.mean([row[name] for row in rows])) for name in rows[0]}

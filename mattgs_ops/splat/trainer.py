@@ -12,7 +12,6 @@ reset less than half an interval ago (see :class:`~mattgs_ops.splat.schedule.Sch
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 import torch
@@ -24,6 +23,7 @@ from mattgs_ops.config import TrainConfig
 from mattgs_ops.errors import StageError
 from mattgs_ops.frozen import Background
 from mattgs_ops.method import MethodConfig
+from mattgs_ops.splat.alpha_loss import alpha_loss
 from mattgs_ops.splat.checkpoint import TrainingState
 from mattgs_ops.splat.densify import (
     Record,
@@ -130,10 +130,12 @@ class Trainer:
             threads=self.threads,
             memory=self._memory,
         )
-        if not math.isfinite(loss.loss):
-            raise StageError(f"step {step}, view {view.name}: the loss is {loss.loss}")
+        alpha, grad_alpha = self.alpha_loss(index, rendering)
+        total = loss.loss + alpha
+        if not math.isfinite(total):
+            raise StageError(f"step {step}, view {view.name}: the loss is {total}")
         try:
-            seen = self._descend(state, index, rendering, loss.grad)
+            seen = self._descend(state, index, rendering, loss.grad, grad_alpha)
         except StageError as error:
             raise StageError(f"step {step}: {error}") from error
         if self.schedule.observes(step):
@@ -143,10 +145,15 @@ class Trainer:
         if self.schedule.resets(step):
             reset_opacity(state.splats, state.adam)
         state.step = step
-        return StepResult(loss.loss, loss.plain_l1, loss.ssim, rendering.image, target)
+        return StepResult(total, loss.plain_l1, loss.ssim, rendering.image, target)
 
     def _descend(
-        self, state: TrainingState, index: int, rendering: Rendering, grad: Tensor
+        self,
+        state: TrainingState,
+        index: int,
+        rendering: Rendering,
+        grad: Tensor,
+        grad_alpha: Tensor | None,
     ) -> Seen:
         """Move the splats, with the sums per splat that the method needs and no others."""
         method, step = self.method, state.step + 1
@@ -159,6 +166,7 @@ class Trainer:
             rendering,
             grad,
             rates,
+            grad_alpha=grad_alpha,
             pixel_map=self.attention(index) if blends else None,
             statistics=blends or (observed and method.densify == "absolute"),
             memory=self._memory,
@@ -184,6 +192,14 @@ class Trainer:
             found = loss_weights(self.attention(index).numpy(), mask, self.method, removed=removed)
             self._weights[index] = None if found is None else torch.from_numpy(found)
         return self._weights[index]
+
+    def alpha_loss(self, index: int, rendering: Rendering) -> tuple[float, Tensor | None]:
+        """Return the alpha loss of a view and dL/d alpha [H, W]; 0 and None where there is none."""
+        if self.method.alpha_loss == 0 or self.background == "original":
+            return 0.0, None
+        weight = self.weights(index) if self.method.weighting == "residual" else None
+        mask = _unit(self.views[index].mask)
+        return alpha_loss(rendering.alpha, mask, self.method.alpha_loss, weight)
 
     def target(self, view: StoredView, colour: Colour, memory: Memory | None = None) -> Tensor:
         """Return what a view should look like on ``colour`` [H, W, 3], in ``memory`` if given."""
@@ -226,16 +242,15 @@ class Trainer:
             self.extent,
             state.streams["split"],
         )
-        count = partial(_count, state)
-        count("added", len(state.splats) - before)
+        state.count("added", len(state.splats) - before)
         huge = 0 < self.schedule.reset_every < step
         removed = faint_or_huge(state.splats, self.config, self.extent, huge=huge)
-        count("removed_faint_or_huge", int(removed.sum()))
+        state.count("removed_faint_or_huge", int(removed.sum()))
         state.splats = prune(state.splats, state.adam, removed)
         if len(state.splats) == 0:
             raise StageError(f"step {step}: every splat was removed; nothing is left to train")
         state.record = Record.empty(len(state.splats))
-        count("densifications", 1)
+        state.count("densifications", 1)
 
     def _prune_unattended(self, state: TrainingState) -> None:
         """Remove splats of low opacity and low attention."""
@@ -243,7 +258,7 @@ class Trainer:
             return
         faint = torch.zeros(len(state.splats), dtype=torch.bool)
         if self.method.prune_opacity > 0:
-            faint = state.splats.opacity_logits < _logit_below_one(self.method.prune_opacity)
+            faint = state.splats.opacity_logits < logit(self.method.prune_opacity)
         index = torch.nonzero(faint)[:, 0]
         if self.method.prune == "blend":
             scores = state.record.blend_scores()[index]
@@ -260,7 +275,7 @@ class Trainer:
             self._remove(state, idle & (state.record.seen > 0), "removed_idle")
 
     def _remove(self, state: TrainingState, removed: Tensor, reason: str) -> None:
-        _count(state, reason, int(removed.sum()))
+        state.count(reason, int(removed.sum()))
         gone = state.splats.means[removed]
         step = torch.full((len(gone), 1), float(state.step + 1))
         state.pruned = torch.cat([state.pruned, torch.cat([gone, step], dim=1)])
@@ -281,14 +296,6 @@ def background_colour(config: TrainConfig) -> Colour:
 def _psnr(image: Tensor, target: Tensor) -> float:
     mse = float((image - target).square().mean())
     return -10 * math.log10(max(mse, 1e-10))
-
-
-def _logit_below_one(opacity: float) -> float:
-    return math.inf if opacity >= 1 else logit(opacity)
-
-
-def _count(state: TrainingState, name: str, more: int) -> None:
-    state.counters[name] = state.counters.get(name, 0) + more
 
 
 def _unit(values: Bytes, memory: Memory | None = None) -> Tensor:

@@ -140,8 +140,8 @@ void backward(Rendering& rendering, const SplatsIn& splats, const In& grad_image
 }
 
 uint32_t descend(Rendering& rendering, const SplatsOut& splats, const In& grad_image,
-                 const std::optional<In>& pixel_map, const SplatsOut& first,
-                 const SplatsOut& second, const std::array<double, FIELDS>& rates,
+                 const std::optional<In>& grad_alpha, const std::optional<In>& pixel_map,
+                 const SplatsOut& first, const SplatsOut& second, const std::array<double, FIELDS>& rates,
                  const std::array<double, 3>& settings, int64_t step, const StatisticsOut& seen,
                  bool statistics) {
     Descent to{splats_of<float>(splats), splats_of<float>(first), splats_of<float>(second), {},
@@ -150,7 +150,7 @@ uint32_t descend(Rendering& rendering, const SplatsOut& splats, const In& grad_i
     if (to.first_moments.count != count || to.second_moments.count != count)
         throw nb::value_error("moments: unexpected shape");
     std::copy(rates.begin(), rates.end(), to.rates);
-    const BackwardInputs in = pixels_of(rendering, count, grad_image, std::nullopt, pixel_map);
+    const BackwardInputs in = pixels_of(rendering, count, grad_image, grad_alpha, pixel_map);
     const SplatStatistics out = statistics_of(seen, count, statistics);
     const nb::gil_scoped_release release;
     return rendering.descend(in, to, out, statistics);
@@ -223,9 +223,9 @@ NB_MODULE(_engine, m) {
              nb::arg("grad_alpha").none(), nb::arg("pixel_map").none(), nb::arg("grads"),
              nb::arg("seen"), nb::arg("statistics"))
         .def("descend", &descend, nb::arg("splats"), nb::arg("grad_image"),
-             nb::arg("pixel_map").none(), nb::arg("first_moments"), nb::arg("second_moments"),
-             nb::arg("rates"), nb::arg("settings"), nb::arg("step"), nb::arg("seen"),
-             nb::arg("statistics"))
+             nb::arg("grad_alpha").none(), nb::arg("pixel_map").none(), nb::arg("first_moments"),
+             nb::arg("second_moments"), nb::arg("rates"), nb::arg("settings"), nb::arg("step"),
+             nb::arg("seen"), nb::arg("statistics"))
         .def_prop_ro("pairs", &Rendering::pairs)
         .def_prop_ro("evaluated", &Rendering::evaluated)
         .def_prop_ro("seconds", &Rendering::seconds)

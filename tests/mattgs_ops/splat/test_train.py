@@ -272,7 +272,7 @@ def test_the_cap_on_splats_holds(run: Train) -> None:
     assert below_the_start.splats <= 100
 
 
-def test_a_random_background_removes_what_is_white_before_white(
+def test_a_random_background_and_the_alpha_loss_remove_what_is_white_before_white(
     run: Train, tiny_scene: Scene, tmp_path: Path
 ) -> None:
     points = tiny_scene.points()
@@ -287,12 +287,30 @@ def test_a_random_background_removes_what_is_white_before_white(
     }
     tiny_scene.save(SparsePoints(**joined))
     left = {}
-    for background in ("white", "random"):
-        run(background, config=TrainConfig(background=background), iterations=200)
-        splats = read_ply(tmp_path / background / "splats.ply")
+    for background, strength in (("white", 0.0), ("random", 0.0), ("white", 0.1), ("random", 0.1)):
+        config, method = TrainConfig(background=background), MethodConfig(alpha_loss=strength)
+        out = f"{background}-{strength}"
+        run(out, config=config, method=method, iterations=200)
+        splats = read_ply(tmp_path / out / "splats.ply")
         truth = load_view(tiny_scene.registered("test")[0], "nobg", 48)
-        left[background] = render(splats, truth.camera, (1, 1, 1)).alpha.numpy()[truth.mask == 0]
-    assert left["random"].mean() < 0.7 * left["white"].mean()
+        alpha = render(splats, truth.camera, (1, 1, 1)).alpha.numpy()
+        left[out] = alpha[truth.mask == 0].mean()
+    for other in ("random-0.0", "white-0.1", "random-0.1"):
+        assert left[other] < 0.4 * left["white-0.0"], left
+
+
+def test_the_alpha_loss_is_part_of_what_is_optimised_without_a_background_alone(
+    run: Train, tmp_path: Path
+) -> None:
+    for condition, counts in (("nobg-3dgs", True), ("original-3dgs", False)):
+        for strength in (0.0, 1.0):
+            method = MethodConfig(alpha_loss=strength)
+            report = run(f"{condition}-{strength}", condition, method=method, iterations=20)
+            terms = report.loss_terms
+            raised = terms["optimised_loss"] > terms["loss"] + 1e-3
+            assert raised == (counts and strength > 0), condition
+        same = splats_of(tmp_path / f"{condition}-0.0") == splats_of(tmp_path / f"{condition}-1.0")
+        assert same != counts
 
 
 def test_pruning_by_attention_removes_the_faint_and_unattended(run: Train) -> None:

@@ -18,6 +18,7 @@ from reports import (
     photo_figures,
     pictures,
     promoted,
+    trade_off_figure,
     verdict,
 )
 from reports.figures import Saved
@@ -93,7 +94,10 @@ def _draw(
     rows: Sequence[Row], found: Sequence[Gallery], root: Path | None, folder: Path
 ) -> list[Saved]:
     with figures.style():
-        plots = [*figures.trade_offs(rows, folder), *figures.training_curves(rows, root, folder)]
+        plots = [
+            *trade_off_figure.trade_offs(rows, folder),
+            *figures.training_curves(rows, root, folder),
+        ]
         photos = photo_figures.all_photo_figures(found, cells(rows), root, folder)
     return [*photos, *plots]
 

@@ -14,28 +14,24 @@ from typing import TypeVar
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import StrMethodFormatter
 from numpy.typing import NDArray
 
 from reports import findings
-from reports.origins import machine_of
 from reports.pictures import artifact
 from reports.rows import (
     METHOD_ORDER,
     Cell,
     Row,
     capture_name,
-    captures,
     cells,
     condition_name,
 )
 
 # Okabe & Ito (2008): eight colours that colour-blind readers can tell apart
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-MARKS = {"original": "o", "nobg": "s"}
 DASHES = {"original": "--", "nobg": "-"}
 STYLE = {
     "font.family": "DejaVu Sans",
@@ -103,15 +99,16 @@ def colours(rows: Sequence[Row]) -> dict[str, str]:
     return dict(zip(methods, islice(cycle(PALETTE), len(methods)), strict=True))
 
 
-def _mean(cell: Cell, metric: str) -> float | None:
+def mean(cell: Cell, metric: str) -> float | None:
+    """Return the mean of a run's metric over a cell's seeds; None where no seed has it."""
     values = [row["metrics"][metric] for row in cell.finished if row["metrics"].get(metric)]
     return sum(values) / len(values) if values else None
 
 
-def _less(cell: Cell, metric: str) -> float | None:
+def less(cell: Cell, metric: str) -> float | None:
     """Return a mean of which less is better, negative, so that more is."""
-    mean = _mean(cell, metric)
-    return None if mean is None else -mean
+    found = mean(cell, metric)
+    return None if found is None else -found
 
 
 def sheets(items: Sequence[Item]) -> list[tuple[str, str, Sequence[Item]]]:
@@ -127,101 +124,7 @@ def sheets(items: Sequence[Item]) -> list[tuple[str, str, Sequence[Item]]]:
     ]
 
 
-def trade_offs(rows: Sequence[Row], folder: Path) -> list[Saved]:
-    """Quality inside the mask against size (upper row) and time (lower row), one column each."""
-    mine = [cell for cell in cells(rows) if cell.finished]
-    names = captures(row for cell in mine for row in cell.finished)
-    tones = colours(rows)
-    return [
-        _trade_off(mine, part, tones, folder, slug, sheet) for slug, sheet, part in sheets(names)
-    ]
-
-
-def _trade_off(
-    mine: Sequence[Cell],
-    names: Sequence[str],
-    tones: dict[str, str],
-    folder: Path,
-    slug: str,
-    sheet: str,
-) -> Saved:
-    in_mask = any(_mean(cell, "mask_psnr") is not None for cell in mine)
-    metric = "mask_psnr" if in_mask else "psnr"
-    label = "PSNR in mask (dB)" if in_mask else "PSNR (dB)"
-
-    mixed = len({machine_of(row) for cell in mine for row in cell.finished}) > 1
-
-    def quality(cell: Cell) -> float | None:
-        return _mean(cell, metric)
-
-    def quick(cell: Cell) -> float | None:
-        return _less(cell, "time")
-
-    figure = Figure(figsize=(max(2.5 * len(names), 3.2) + 0.5, 4.8))
-    grid = figure.subplots(2, len(names), squeeze=False)
-    for place, name in enumerate(names):
-        members = [cell for cell in mine if cell.key.capture == name]
-        for axes, cost, text in (
-            (grid[0][place], "size_mb", "Size (MB)"),
-            (grid[1][place], "time", "Time (s)"),
-        ):
-            _scatter(axes, members, cost, metric, tones)
-            axes.set_xlabel(text)
-        grid[0][place].set_title(capture_name(name))
-    for axes in grid[:, 0]:
-        axes.set_ylabel(label)
-    _legend(figure, _handles(mine, tones))
-    machines = " Times are of different machines and do not compare between them." if mixed else ""
-    caption = (
-        findings.winners(mine, names, f"Highest {label.removesuffix(' (dB)')}", quality)
-        + findings.winners(mine, names, "Smallest file", lambda cell: _less(cell, "size_mb"))
-        + ("" if mixed else findings.winners(mine, names, "Shortest training", quick))
-        + f"{label} on held-out views against file size and training time: up and to the left is "
-        f"better. Lines join the methods on one background.{machines}{sheet}"
-    )
-    return save(figure, folder, f"figure-trade-off{slug}", caption)
-
-
-def _scatter(
-    axes: Axes, members: Sequence[Cell], cost: str, metric: str, tones: dict[str, str]
-) -> None:
-    for background, mark in MARKS.items():
-        points = []
-        for cell in members:
-            x, y = _mean(cell, cost), _mean(cell, metric)
-            if cell.key.background == background and x is not None and y is not None:
-                points.append((x, y, tones[cell.key.method]))
-        axes.plot(
-            [p[0] for p in points],
-            [p[1] for p in points],
-            color="#aab2bb",
-            linewidth=0.9,
-            linestyle=DASHES[background],
-            zorder=1,
-        )
-        for x, y, tone in points:
-            face = tone if background == "nobg" else "white"
-            axes.plot(x, y, mark, color=tone, markerfacecolor=face, markersize=7, zorder=2)
-    axes.margins(0.2)
-
-
-def _handles(mine: Sequence[Cell], tones: dict[str, str]) -> list[Line2D]:
-    seen = dict.fromkeys((cell.key.background, cell.key.method) for cell in mine)
-    return [
-        Line2D(
-            [],
-            [],
-            color=tones[method],
-            marker=MARKS[background],
-            markerfacecolor=tones[method] if background == "nobg" else "white",
-            linestyle="",
-            label=condition_name(background, method),
-        )
-        for background, method in seen
-    ]
-
-
-def _legend(figure: Figure, handles: Sequence[Line2D]) -> None:
+def legend(figure: Figure, handles: Sequence[Line2D]) -> None:
     """Lay out the axes above a legend at the bottom edge."""
     across = max(1, min(len(handles), int(figure.get_figwidth() / LEGEND_WIDTH)))
     rows = -(-len(handles) // across)
@@ -275,7 +178,7 @@ def _curves(found: Curves, tones: dict[str, str], folder: Path, slug: str, sheet
         grid[2][place].yaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
         grid[-1][place].xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
         grid[-1][place].set_xlabel("Iteration")
-    _legend(figure, [h for h in grid[-1][0].get_lines() if not str(h.get_label()).startswith("_")])
+    legend(figure, [h for h in grid[-1][0].get_lines() if not str(h.get_label()).startswith("_")])
     what = (
         "PSNR is of the middle training view throughout, loss of"
         if fixed
@@ -283,7 +186,7 @@ def _curves(found: Curves, tones: dict[str, str], folder: Path, slug: str, sheet
     )
     mine = [cell for curves in found.values() for cell, _ in curves]
     caption = (
-        findings.winners(mine, list(found), "Fewest splats", lambda cell: _less(cell, "splats"))
+        findings.winners(mine, list(found), "Fewest splats", lambda cell: less(cell, "splats"))
         + f"Training curves; {what} each step's own view, thin as recorded, thick as a running "
         "mean. The loss of Ours is on its own weighted scale and does not compare "
         f"with that of 3DGS; PSNR does, on one background.{sheet}"

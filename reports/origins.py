@@ -6,11 +6,12 @@ do not compare, and conditions that started from different masks or poses differ
 method.
 """
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from reports.formats import Entry, Group, Line, Table
-from reports.rows import Row, capture_name, captures, cells
+from reports.rows import Cell, Row, capture_name, captures, cells
 
 DIGEST = 12  # letters of a digest that tell two apart
 Origin = tuple[str, ...]
@@ -45,6 +46,23 @@ def machine_of(row: Row) -> Origin:
     return (*(str(origin.get(name)) for name in MACHINE), str(used))
 
 
+def cpu_of(row: Row) -> str:
+    """Name a row's processor; with what tells generations of one brand apart, where it is known."""
+    origin = _provenance(row)
+    kind = origin.get("cpu_kind")
+    return f"{origin.get('cpu') or '–'}{f' ({kind})' if kind else ''}"
+
+
+def shared_machine(mine: Sequence[Cell]) -> Origin | None:
+    """Return the machine whose times of these cells compare; None where no machine's do.
+
+    It measured a row of every cell that has any; of several, the one that measured the most rows.
+    """
+    measured = [Counter(machine_of(row) for row in cell.finished) for cell in mine if cell.finished]
+    everywhere = [m for m in sum(measured, Counter()) if all(m in counts for counts in measured)]
+    return max(everywhere, key=lambda m: (sum(counts[m] for counts in measured), m), default=None)
+
+
 def notes(rows: Sequence[Row]) -> list[str]:
     """Say what a reader must know of rows with several origins; empty for one."""
     told = []
@@ -58,8 +76,8 @@ def notes(rows: Sequence[Row]) -> list[str]:
     if len(machines) > 1:
         told.append(
             "Time, FPS and cost per stage were measured on different machines and do not compare "
-            "between them; ratios of times and speeds are printed only where both conditions ran "
-            "on one."
+            "between them; tables print those of one machine where it measured every line, and "
+            "ratios of times and speeds only where both conditions ran on one."
         )
     for name in captures(finished):
         mine = [row for row in finished if row["capture"] == name]
@@ -88,8 +106,8 @@ def origins_table(rows: Sequence[Row]) -> Table | None:
             len(mine),
             str(origin.get("code_version") or "–")[:DIGEST],
             ", ".join(commits),
-            origin.get("cpu") or "–",
-            origin.get("cores") or "–",
+            cpu_of(mine[0]),
+            ", ".join(sorted({str(_provenance(row).get("cores") or "–") for row in mine})),
             origin.get("threads") or "–",
             ", ".join(f"{name} {versions.get(name, '–')}" for name in differing) or "the same",
         )

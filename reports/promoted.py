@@ -8,9 +8,10 @@ from collections.abc import Mapping, Sequence
 
 from reports import columns, statistics
 from reports.formats import Entry, Group, Line, Table
+from reports.groups import by_capture, condition_of
 from reports.pairs import ratio_of
 from reports.rows import Cell, CellKey, Row, cells, held_out_views, key_of, refused
-from reports.tables import HOLE, PROMOTED, by_capture, condition_of
+from reports.tables import HOLE, PROMOTED
 
 QUALITY = (("mask_psnr", "PSNR in mask", "db"), ("mask_ssim", "SSIM in mask", "ssim"))
 RATIOS = (("size_mb", "Size ×"), ("time", "Time ×"), ("fps", "FPS ×"))

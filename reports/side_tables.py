@@ -7,14 +7,12 @@ from reports import columns, paper
 from reports.columns import Column
 from reports.difference_table import difference_tables
 from reports.formats import Entry, Group, Line, Table
+from reports.groups import by_capture, condition_of, finished_of
 from reports.origins import origin_of, origins, origins_table
 from reports.rows import Row, background_name, capture_name, cells, refused
 from reports.tables import (
     HOLE,
-    by_capture,
     capture_tables,
-    condition_of,
-    finished_of,
     lines_of,
     make_table,
     mask_table,

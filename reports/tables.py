@@ -15,20 +15,19 @@ from typing import Any
 from reports import columns, formats, paper
 from reports.columns import Column
 from reports.formats import Entry, Group, Line, Table
-from reports.origins import machine_of
+from reports.groups import by_background, by_capture, condition_of, finished_of
+from reports.origins import Origin, machine_of, shared_machine
 from reports.rows import (
-    PROTOCOL,
     Cell,
     CellKey,
     Row,
     background_name,
     capture_name,
     cells,
-    condition_name,
-    held_out_views,
     method_name,
     refused,
 )
+from reports.table_notes import paper_notes, protocol_notes, where_timed
 
 HOLE = Entry("–")
 SPEEDS = ("time", "rate")  # kinds of columns that depend on the machine
@@ -55,9 +54,9 @@ def capture_tables(rows: Sequence[Row], values: paper.PaperValues | None = None)
     for number, ((capture, iterations, resolution), mine) in enumerate(settings.items(), start=1):
         title = f"{capture_name(capture)}: {iterations:,} iterations, longest side {resolution} px"
         groups, holes, quoted = _paper_groups(mine, values)
-        notes = [*holes, *_protocol_notes(mine)]
+        notes = [*holes, *protocol_notes(mine)]
         if quoted:
-            notes += _paper_notes(values)
+            notes += paper_notes(values)
         slug = f"table-{number}-{_slug(capture)}"
         table = make_table(slug, title, columns.PAPER, groups, notes)
         out.append(replace(table, number=columns.roman(number)))
@@ -107,14 +106,6 @@ def _difference_line(key: CellKey, ours: Line, theirs: Mapping[str, float]) -> L
     return Line(f"{method_name(key.method)} − paper", tuple(entries), quoted=True)
 
 
-def _paper_notes(values: paper.PaperValues) -> list[str]:
-    """Say where the quoted values were read, and how their protocol differs from ours."""
-    source = values.source
-    where = ", ".join(str(source[part]) for part in ("title", "year", "url") if source.get(part))
-    read = f"Lines marked (paper) quote {where or 'the paper'}; read from {source['read_from']}."
-    return [read, *(f"Lines marked (paper): {text}" for text in values.differences)]
-
-
 def mask_table(rows: Sequence[Row]) -> Table | None:
     """In-mask scores, which compare across backgrounds."""
     note = (
@@ -159,32 +150,6 @@ def _conditions_table(
     return make_table(slug, title, shown, groups, [*holes, note], "Condition")
 
 
-def finished_of(mine: Sequence[Cell]) -> list[Row]:
-    """List the rows that finished."""
-    return [row for cell in mine for row in cell.finished]
-
-
-def by_capture(mine: Sequence[Cell]) -> list[tuple[str, list[Cell]]]:
-    """Group cells by the printed name of their capture."""
-    grouped: dict[str, list[Cell]] = {}
-    for cell in mine:
-        grouped.setdefault(capture_name(cell.key.capture), []).append(cell)
-    return list(grouped.items())
-
-
-def by_background(mine: Sequence[Cell]) -> list[tuple[str, list[Cell]]]:
-    """Group cells whose full frames compare: one capture, one background."""
-    grouped: dict[tuple[str, str], list[Cell]] = {}
-    for cell in mine:
-        grouped.setdefault((cell.key.capture, cell.key.background), []).append(cell)
-    return [(capture_name(capture), members) for (capture, _), members in grouped.items()]
-
-
-def condition_of(cell: Cell) -> str:
-    """Return a cell's condition as printed."""
-    return condition_name(cell.key.background, cell.key.method)
-
-
 def _metric(row: Row, key: str) -> Any:
     return row["metrics"].get(key)
 
@@ -197,10 +162,15 @@ def lines_of(
     value_of: Callable[[Row, str], Any] = _metric,
 ) -> list[Line]:
     """Build the lines of one group, mark the best entries, and add to the notes on holes."""
-    raw = [[_entry(cell, column, value_of) for column in shown] for cell in members]
+    machine = shared_machine(members)
+    raw = [[_entry(cell, column, value_of, machine) for column in shown] for cell in members]
     mixed = len({machine_of(row) for row in finished_of(members)}) > 1
+    if mixed and machine and any(column.kind in SPEEDS for column in shown):
+        _add_once(holes, where_timed(members, machine))
     best = [
-        set() if mixed and column.kind in SPEEDS else _best([entries[i] for entries in raw], column)
+        set()
+        if mixed and not machine and column.kind in SPEEDS
+        else _best([entries[i] for entries in raw], column)
         for i, column in enumerate(shown)
     ]
     lines = []
@@ -215,8 +185,12 @@ def lines_of(
     return lines
 
 
-def _entry(cell: Cell, column: Column, value_of: Callable[[Row, str], Any]) -> Entry:
-    found = [value_of(row, column.key) for row in cell.finished]
+def _entry(
+    cell: Cell, column: Column, value_of: Callable[[Row, str], Any], machine: Origin | None
+) -> Entry:
+    alone = machine is not None and column.kind in SPEEDS
+    chosen = [row for row in cell.finished if not alone or machine_of(row) == machine]
+    found = [value_of(row, column.key) for row in chosen]
     values = [float(v) for v in found if v is not None and math.isfinite(v)]
     if not values:
         return HOLE
@@ -224,6 +198,11 @@ def _entry(cell: Cell, column: Column, value_of: Callable[[Row, str], Any]) -> E
     deviation = stdev(values) if len(values) > 1 else None
     spread = "" if deviation is None else columns.text(column.kind, deviation)
     return Entry(columns.text(column.kind, mean), spread, False, mean, deviation)
+
+
+def _add_once(notes: list[str], note: str) -> None:
+    if note not in notes:
+        notes.append(note)
 
 
 def _best(entries: Sequence[Entry], column: Column) -> set[int]:
@@ -239,52 +218,13 @@ def _best(entries: Sequence[Entry], column: Column) -> set[int]:
 def _hole_mark(cell: Cell, holes: list[str]) -> str:
     if not cell.failed:
         return ""
-    mark = MARKS[len(holes) % len(MARKS)]
+    mark = MARKS[sum(text.startswith("(") for text in holes) % len(MARKS)]
     reasons = "; ".join(dict.fromkeys(str(row.get("reason")) for row in cell.failed))
     seeds = ", ".join(str(row["seed"]) for row in cell.failed)
     where = f"{capture_name(cell.key.capture)}, {condition_of(cell)}"
     rest = f"; the line is the mean of the other {len(cell.finished)}" if cell.finished else ""
     holes.append(f"({mark}) {where}, seed {seeds} failed: {reasons}{rest}.")
     return f" ({mark})"
-
-
-def _protocol_notes(mine: Sequence[Cell]) -> list[str]:
-    rows = finished_of(mine)
-    seeds = sorted({int(row["seed"]) for row in rows})
-    counts = sorted({len(held_out_views(row)) for row in rows} - {0})
-    views = " or ".join(str(count) for count in counts) or "the"
-    many = (
-        f"mean ± standard deviation over {len(seeds)} seeds"
-        if len(seeds) > 1
-        else f"one seed ({seeds[0]})"
-        if seeds
-        else "no finished run"
-    )
-    notes = [
-        (
-            f"Full frame, {views} held-out test views, each against its own condition's ground "
-            f"truth; {many}. Protocol {PROTOCOL}."
-        )
-    ]
-    notes += _uneven(mine, seeds)
-    if {cell.key.background for cell in mine} >= {"original", "nobg"}:
-        notes.append(
-            "Scores of No BG do not compare with Original: its white pixels come for free. "
-            "The table of scores inside the mask compares them."
-        )
-    return notes
-
-
-def _uneven(mine: Sequence[Cell], seeds: Sequence[int]) -> list[str]:
-    """Name the lines that lack seeds which others have, and not because those failed."""
-    found = []
-    for cell in mine:
-        own = [int(row["seed"]) for row in cell.rows]
-        if cell.finished and set(seeds) - set(own):
-            finished = ", ".join(str(row["seed"]) for row in cell.finished)
-            few = "seed" if len(cell.finished) == 1 else "seeds"
-            found.append(f"{condition_of(cell)}: {few} {finished} only.")
-    return found
 
 
 def _promoted_note(groups: Sequence[Group]) -> list[str]:

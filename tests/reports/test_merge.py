@@ -2,12 +2,13 @@
 
 import copy
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from mattgs_ops.errors import InputError
-from reports import origins, pairs, side_tables, tables, verdict
+from reports import origins, pairs, side_tables, tables, trade_off_figure, verdict
 from reports.merge import merge
 from reports.rows import PROTOCOL, Cell, cells
 from tasks import row as made
@@ -148,6 +149,24 @@ def test_times_of_several_machines_have_no_best(make_grid: Callable[..., list[Ro
     assert {"time", "fps", "size_mb"} <= bold(rows)
     mixed = [changed(row, "provenance.cpu", row["method"]) for row in rows]
     assert bold(mixed) == bold(rows) - {"time", "fps"}
+
+
+def test_tables_print_the_times_of_the_machine_that_measured_every_line(
+    make_grid: Callable[..., list[Row]], tmp_path: Path
+) -> None:
+    rows = []
+    for row in make_grid(captures=("rover",), seeds=3):
+        machine, seconds = ("A", 1000.0) if row["seed"] == 0 else ("B", 10.0 + row["seed"])
+        rows.append(changed(changed(row, "provenance.cpu", machine), "metrics.time", seconds))
+    table = tables.capture_tables(rows)[0]
+    place = table.keys.index("time")
+    shown = [line.entries[place].value for group in table.groups for line in group.lines]
+    assert shown == [11.5] * len(shown)
+    assert sum("seeds 1, 2, from one machine, B" in note for note in table.notes) == 1
+    (figure,) = trade_off_figure.trade_offs(rows, tmp_path)
+    assert "seeds 1, 2, from one machine, B" in figure.caption
+    psnr = table.keys.index("psnr")  # whose spread is over all three seeds
+    assert all(line.entries[psnr].spread for group in table.groups for line in group.lines)
 
 
 def test_times_compare_only_on_one_machine(make_row: MakeRow) -> None:

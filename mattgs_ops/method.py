@@ -43,6 +43,12 @@ class MethodConfig(Frozen):
         0.0, ge=0, description="times the mean of |opacity - mask|, on `nobg` only"
     )
     rates: float = Field(1.0, gt=0, description="times every learning rate but opacity's")
+    rates_steps: int = Field(
+        0,
+        ge=0,
+        description="the length of training that `rates` is meant for: in longer ones it falls in "
+        "inverse proportion to the steps; 0: it is the same in all",
+    )
     rates_final: float = Field(
         1.0,
         gt=0,
@@ -83,6 +89,12 @@ class MethodConfig(Frozen):
             return self.densify_absolute_nobg
         return self.densify_absolute
 
+    def rates_in(self, iterations: int) -> float:
+        """Return the factor of the learning rates in a training of so many steps."""
+        if not self.rates_steps:
+            return self.rates
+        return self.rates * min(1.0, self.rates_steps / iterations)
+
     @property
     def wants_blending(self) -> bool:
         """Whether the rasteriser must sum blending weights (and attention) per splat."""
@@ -100,6 +112,7 @@ METHODS: dict[str, MethodConfig] = {
         weight_ssim=True,
         edge_tolerance=0.0025,  # a pixel of 400: less than one of what U²-Net sees
         rates=2.0,
+        rates_steps=7000,  # at full rates, 30,000 steps fit the photos' noise
         rates_final=0.03,
         densify="absolute",
         # weight on the object raises its gradient with it: more than AbsGS's threshold leaves half

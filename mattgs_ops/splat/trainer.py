@@ -78,12 +78,13 @@ class Trainer:
         self._maps: dict[int, Tensor] = {}
         self._weights: dict[int, Tensor | None] = {}
         self._memory = Memory()
+        self._rates = method.rates_in(schedule.iterations)
         self._fixed_rates = {
-            "log_scales": method.rates * config.lr_scale,
-            "quaternions": method.rates * config.lr_rotation,
+            "log_scales": self._rates * config.lr_scale,
+            "quaternions": self._rates * config.lr_rotation,
             "opacity_logits": config.lr_opacity,
-            "sh_dc": method.rates * config.lr_sh_dc,
-            "sh_rest": method.rates * config.lr_sh_rest,
+            "sh_dc": self._rates * config.lr_sh_dc,
+            "sh_rest": self._rates * config.lr_sh_rest,
         }
 
     def attention(self, index: int) -> Tensor:
@@ -161,7 +162,7 @@ class Trainer:
         blends = method.wants_blending and observed
         share = self.schedule.rate_share(step, method.rates_final)
         rates = {name: share * rate for name, rate in self._fixed_rates.items()}
-        rates["means"] = method.rates * self.schedule.position_rate(step)
+        rates["means"] = self._rates * self.schedule.position_rate(step)
         return state.adam.descend(
             rendering,
             grad,

@@ -24,6 +24,13 @@ def test_the_threshold_of_splats_without_a_background_is_the_same_unless_it_is_s
     assert [other.absolute_threshold(b) for b in ("original", "nobg")] == [2e-3, 3e-3]
 
 
+def test_rates_fall_with_the_steps_beyond_those_they_are_meant_for() -> None:
+    short = MethodConfig(rates=2.0, rates_steps=7000)
+    found = [short.rates_in(steps) for steps in (100, 7000, 14_000, 30_000)]
+    assert found == pytest.approx([2.0, 2.0, 1.0, 14 / 30])
+    assert MethodConfig(rates=2.0).rates_in(30_000) == 2.0
+
+
 def test_a_method_like_another_differs_in_what_its_table_says() -> None:
     tables = {"mine": {"like": "ours+", "prune": "none"}, "plain": {"weight": 3.0}}
     config = BenchmarkConfig.model_validate({"methods": tables})

@@ -125,7 +125,9 @@ def test_rates_fall_where_the_schedule_says(run: Train, monkeypatch: pytest.Monk
 
     monkeypatch.setattr(schedule_module, "SETTLE_EARLIEST", 3)
     monkeypatch.setattr(Adam, "descend", descend)
-    run("a", method=MethodConfig(rates=2.0, rates_final=0.01), iterations=10)
+    method = MethodConfig(rates=4.0, rates_steps=5, rates_final=0.01)  # 10 steps: at twice the rate
+    run("a", method=method, iterations=10)
+    assert used[0]["sh_dc"] == pytest.approx(2 * TrainConfig().lr_sh_dc)
     for name in FIELDS:
         first, third, last = (used[step - 1][name] for step in (1, 3, 10))
         if name != "means":  # whose schedule is its own

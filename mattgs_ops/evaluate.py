@@ -30,7 +30,7 @@ from mattgs_ops.errors import InputError, StageError
 from mattgs_ops.metrics import IMAGE_METRICS, METRICS, SSIM_REACH, score_view
 from mattgs_ops.progress import Progress, no_progress
 from mattgs_ops.scene import Scene, Split
-from mattgs_ops.splat.photos import WHITE, load_view, size_at
+from mattgs_ops.splat.photos import WHITE, Colour, load_view, size_at
 from mattgs_ops.splat.ply import read_ply
 from mattgs_ops.splat.render import render_view, time_views
 
@@ -46,7 +46,6 @@ MEDIAN_ERROR = 1.4826 * 1.2533
 MASK_THRESHOLD = 128  # of 255: a pixel is object when at least half of it is
 # of a pixel: a wire rarely fills half of one, see docs/captures.md on id maps
 DETAIL_SHARE = 0.25
-Colour = tuple[float, float, float]
 SPLITS: tuple[Split, ...] = get_args(Split)
 
 

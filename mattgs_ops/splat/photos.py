@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mattgs_ops.camera import Camera
+from mattgs_ops.config import TrainConfig
 from mattgs_ops.errors import InputError
 from mattgs_ops.frozen import Background
 from mattgs_ops.scene import View
@@ -23,6 +24,7 @@ from mattgs_ops.scene import View
 Floats = NDArray[np.float32]
 Bytes = NDArray[np.uint8]
 
+Colour = tuple[float, float, float]
 WHITE = (1.0, 1.0, 1.0)
 BLACK = (0.0, 0.0, 0.0)
 
@@ -104,7 +106,12 @@ def store_views(views: Iterable[View], background: Background, resolution: int) 
     return [store_view(view, background, resolution) for view in views]
 
 
-def recolour(image: Floats, mask: Floats, colour: tuple[float, float, float]) -> Floats:
+def background_colour(config: TrainConfig) -> Colour:
+    """Return the colour behind the splats when they are shown; ``random`` is shown on white."""
+    return BLACK if config.background == "black" else WHITE
+
+
+def recolour(image: Floats, mask: Floats, colour: Colour) -> Floats:
     """Change the white behind a ``nobg`` image into ``colour``.
 
     ``image`` [H, W, 3] is ``object * mask + 1 - mask``; the result is

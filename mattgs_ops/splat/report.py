@@ -22,10 +22,10 @@ import numpy as np
 
 from mattgs_ops.attention import paper_attention
 from mattgs_ops.splat.gaussians import FLOATS_PER_SPLAT, Splats
-from mattgs_ops.splat.photos import StoredView
+from mattgs_ops.splat.photos import Colour, StoredView
 from mattgs_ops.splat.rasterize import render
 from mattgs_ops.splat.ssim import photometric_loss
-from mattgs_ops.splat.trainer import Colour, Trainer
+from mattgs_ops.splat.trainer import Trainer
 
 SCHEMA = 1
 FILE = "training.json"

@@ -35,7 +35,7 @@ from mattgs_ops.splat.initialise import (
     starting_points,
 )
 from mattgs_ops.splat.laps import Laps
-from mattgs_ops.splat.photos import store_views
+from mattgs_ops.splat.photos import background_colour, store_views
 from mattgs_ops.splat.ply import read_ply, write_ply
 from mattgs_ops.splat.report import (
     SCHEMA,
@@ -45,7 +45,7 @@ from mattgs_ops.splat.report import (
     peak_memory,
 )
 from mattgs_ops.splat.schedule import Schedule
-from mattgs_ops.splat.trainer import StepResult, Trainer, background_colour
+from mattgs_ops.splat.trainer import StepResult, Trainer
 
 PLY = "splats.ply"
 START = "start.npz"  # starting points [P, 3] and which were kept [P], where attention chose

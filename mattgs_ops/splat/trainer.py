@@ -36,12 +36,18 @@ from mattgs_ops.splat.densify import (
 from mattgs_ops.splat.gaussians import Splats
 from mattgs_ops.splat.initialise import StartingPoints
 from mattgs_ops.splat.memory import Memory
-from mattgs_ops.splat.photos import BLACK, WHITE, Bytes, Floats, StoredView, recolour
+from mattgs_ops.splat.photos import (
+    WHITE,
+    Bytes,
+    Colour,
+    Floats,
+    StoredView,
+    background_colour,
+    recolour,
+)
 from mattgs_ops.splat.rasterize import Rendering, Seen, render
 from mattgs_ops.splat.schedule import Schedule
 from mattgs_ops.splat.ssim import photometric_loss
-
-Colour = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -287,11 +293,6 @@ class Trainer:
         points = splats.means[index].numpy().astype(np.float64)
         maps = [self.attention(i).numpy() for i in range(len(self.views))]
         return point_scores(points, [view.camera for view in self.views], maps)[0]
-
-
-def background_colour(config: TrainConfig) -> Colour:
-    """Return the colour behind the splats when they are shown; ``random`` is shown on white."""
-    return BLACK if config.background == "black" else WHITE
 
 
 def _psnr(image: Tensor, target: Tensor) -> float:

@@ -63,6 +63,11 @@ def shared_machine(mine: Sequence[Cell]) -> Origin | None:
     return max(everywhere, key=lambda m: (sum(counts[m] for counts in measured), m), default=None)
 
 
+def measured_on(machine: Origin, rows: Sequence[Row]) -> tuple[Row, ...]:
+    """Return the rows that a machine measured."""
+    return tuple(row for row in rows if machine_of(row) == machine)
+
+
 def notes(rows: Sequence[Row]) -> list[str]:
     """Say what a reader must know of rows with several origins; empty for one."""
     told = []

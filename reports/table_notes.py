@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from reports.groups import condition_of, finished_of
-from reports.origins import Origin, cpu_of, machine_of
+from reports.origins import Origin, cpu_of, measured_on
 from reports.paper import PaperValues
 from reports.rows import PROTOCOL, Cell, held_out_views
 
@@ -58,7 +58,7 @@ def _uneven(mine: Sequence[Cell], seeds: Sequence[int]) -> list[str]:
 
 def where_timed(members: Sequence[Cell], machine: Origin) -> str:
     """Say whose times a table prints where several machines measured some."""
-    there = [row for row in finished_of(members) if machine_of(row) == machine]
+    there = measured_on(machine, finished_of(members))
     seeds = ", ".join(str(seed) for seed in sorted({int(row["seed"]) for row in there}))
     return (
         f"Times and FPS are those of seeds {seeds}, from one machine, {cpu_of(there[0])}; those "

@@ -16,7 +16,7 @@ from reports import columns, formats, paper
 from reports.columns import Column
 from reports.formats import Entry, Group, Line, Table
 from reports.groups import by_background, by_capture, condition_of, finished_of
-from reports.origins import Origin, machine_of, shared_machine
+from reports.origins import Origin, machine_of, measured_on, shared_machine
 from reports.rows import (
     Cell,
     CellKey,
@@ -188,8 +188,9 @@ def lines_of(
 def _entry(
     cell: Cell, column: Column, value_of: Callable[[Row, str], Any], machine: Origin | None
 ) -> Entry:
-    alone = machine is not None and column.kind in SPEEDS
-    chosen = [row for row in cell.finished if not alone or machine_of(row) == machine]
+    chosen = cell.finished
+    if machine is not None and column.kind in SPEEDS:
+        chosen = measured_on(machine, chosen)
     found = [value_of(row, column.key) for row in chosen]
     values = [float(v) for v in found if v is not None and math.isfinite(v)]
     if not values:

@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from reports import findings
 from reports.figures import DASHES, Saved, colours, legend, less, mean, save, sheets
 from reports.groups import finished_of
-from reports.origins import Origin, machine_of, shared_machine
+from reports.origins import machine_of, measured_on, shared_machine
 from reports.rows import Cell, Row, capture_name, captures, cells, condition_name
 from reports.table_notes import where_timed
 
@@ -43,7 +43,10 @@ def _trade_off(
 
     machine = shared_machine(mine)
     mixed = len({machine_of(row) for row in finished_of(mine)}) > 1
-    timed = {cell.key: _measured_on(machine, cell) if machine else cell for cell in mine}
+    timed = {
+        cell.key: replace(cell, finished=measured_on(machine, cell.finished)) if machine else cell
+        for cell in mine
+    }
 
     def quality(cell: Cell) -> float | None:
         return mean(cell, metric)
@@ -121,7 +124,3 @@ def _handles(mine: Sequence[Cell], tones: dict[str, str]) -> list[Line2D]:
         )
         for background, method in seen
     ]
-
-
-def _measured_on(machine: Origin, cell: Cell) -> Cell:
-    return replace(cell, finished=tuple(r for r in cell.finished if machine_of(r) == machine))

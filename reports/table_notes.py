@@ -1,6 +1,6 @@
 """What a reader of a table must know: protocol, whose times, missing seeds, the paper's lines."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from reports.groups import condition_of, finished_of
 from reports.origins import Origin, cpu_of, measured_on
@@ -57,10 +57,26 @@ def _uneven(mine: Sequence[Cell], seeds: Sequence[int]) -> list[str]:
 
 
 def where_timed(members: Sequence[Cell], machine: Origin) -> str:
-    """Say whose times a table prints where several machines measured some."""
-    there = measured_on(machine, finished_of(members))
-    seeds = ", ".join(str(seed) for seed in sorted({int(row["seed"]) for row in there}))
+    """Say whose times a table prints where several machines measured some.
+
+    The seeds named are those that the machine measured of every line, then the lines of which it
+    measured others.
+    """
+    timed = [
+        (condition_of(cell), {int(row["seed"]) for row in measured_on(machine, cell.finished)})
+        for cell in members
+        if cell.finished
+    ]
+    shared = set.intersection(*(seeds for _, seeds in timed))
+    named = [f"{name}: {_listed(seeds)}" for name, seeds in timed if seeds != shared]
+    others = "; ".join(dict.fromkeys(named))  # once for all captures
+    which = _listed(shared) + (f" ({others})" if others else "") if shared else others
+    cpu = cpu_of(measured_on(machine, finished_of(members))[0])
     return (
-        f"Times and FPS are those of seeds {seeds}, from one machine, {cpu_of(there[0])}; those "
-        "from others do not compare with them."
+        f"Times and FPS are those of seeds {which}, from one machine, {cpu}; those from others do "
+        "not compare with them."
     )
+
+
+def _listed(seeds: Iterable[int]) -> str:
+    return ", ".join(map(str, sorted(seeds)))

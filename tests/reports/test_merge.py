@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from mattgs_ops.errors import InputError
-from reports import origins, pairs, side_tables, tables, trade_off_figure, verdict
+from reports import origins, pairs, side_tables, table_notes, tables, trade_off_figure, verdict
 from reports.merge import merge
 from reports.rows import PROTOCOL, Cell, cells
 from tasks import row as made
@@ -167,6 +167,25 @@ def test_tables_print_the_times_of_the_machine_that_measured_every_line(
     assert "seeds 1, 2, from one machine, B" in figure.caption
     psnr = table.keys.index("psnr")  # whose spread is over all three seeds
     assert all(line.entries[psnr].spread for group in table.groups for line in group.lines)
+
+
+def test_a_note_names_the_lines_whose_times_are_of_other_seeds(
+    make_grid: Callable[..., list[Row]],
+) -> None:
+    def notes(times_of: dict[str, list[int]]) -> str:
+        rows = [
+            changed(row, "provenance.cpu", "AB"[row["seed"] in times_of[row["condition"]]])
+            for row in make_grid(captures=("rover", "hexapod"), seeds=3)
+        ]
+        members = [cell for cell in cells(rows) if cell.key.background == "nobg"]
+        machine = next(m for m in map(origins.machine_of, rows) if "B" in m)
+        return table_notes.where_timed(members, machine)
+
+    some = {"original-3dgs": [0], "original-ours": [0], "nobg-3dgs": [1, 2]}
+    more = notes(some | {"nobg-ours": [0, 1, 2]})
+    assert "those of seeds 1, 2 (No BG · Ours: 0, 1, 2), from one machine" in more
+    none = notes(some | {"nobg-ours": [0]})
+    assert "those of seeds No BG · 3DGS: 1, 2; No BG · Ours: 0, from one machine" in none
 
 
 def test_times_compare_only_on_one_machine(make_row: MakeRow) -> None:

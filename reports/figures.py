@@ -52,6 +52,7 @@ FIXED, OWN = "fixed_psnr", "psnr"  # PSNR of one and the same view; of each step
 NOISY = ("psnr", "loss")  # of one training view each, so that they jump from step to step
 SHEET = 4  # captures that one figure shows side by side; more go onto further sheets
 SMOOTH_SHARE = 10  # the running mean's window is the curve's length divided by this
+LEGEND_MARK, LEGEND_LETTER = 0.6, 0.075  # inches: a mark with its gaps, a letter
 LEGEND_WIDTH, LEGEND_HEIGHT = 1.3, 0.18  # inches that one entry takes
 
 
@@ -126,11 +127,13 @@ def sheets(items: Sequence[Item]) -> list[tuple[str, str, Sequence[Item]]]:
 
 def legend(figure: Figure, handles: Sequence[Line2D]) -> None:
     """Lay out the axes above a legend at the bottom edge."""
-    across = max(1, min(len(handles), int(figure.get_figwidth() / LEGEND_WIDTH)))
+    labels = [str(handle.get_label()) for handle in handles]
+    longest = max(map(len, labels), default=0)
+    width = max(LEGEND_WIDTH, LEGEND_MARK + LEGEND_LETTER * longest)
+    across = max(1, min(len(handles), int(figure.get_figwidth() / width)))
     rows = -(-len(handles) // across)
     bottom = (0.08 + LEGEND_HEIGHT * rows) / figure.get_figheight()
     figure.tight_layout(rect=(0, bottom, 1, 1))
-    labels = [str(handle.get_label()) for handle in handles]
     figure.legend(handles, labels, loc="lower center", ncols=across, borderaxespad=0.2)
 
 

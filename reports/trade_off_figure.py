@@ -9,13 +9,23 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from reports import findings
-from reports.figures import DASHES, Saved, colours, legend, less, mean, save, sheets
+from reports.figures import (
+    DASHES,
+    PALETTE,
+    Saved,
+    colours,
+    legend,
+    less,
+    mean,
+    save,
+    sheets,
+)
 from reports.groups import finished_of
 from reports.origins import machine_of, measured_on, shared_machine
 from reports.rows import Cell, Row, capture_name, captures, cells, condition_name
 from reports.table_notes import where_timed
 
-MARKS = {"original": "o", "nobg": "s"}
+MARKS = {"original": "o^D", "nobg": "svP"}  # the next where methods outnumber the colours
 INCOMPARABLE = "Times are of different machines and do not compare between them."
 
 
@@ -90,12 +100,12 @@ def _scatter(
     metric: str,
     tones: dict[str, str],
 ) -> None:
-    for background, mark in MARKS.items():
+    for background in MARKS:
         points = []
         for cell, x in zip(members, costs, strict=True):
             y = mean(cell, metric)
             if cell.key.background == background and x is not None and y is not None:
-                points.append((x, y, tones[cell.key.method]))
+                points.append((x, y, cell.key.method))
         axes.plot(
             [p[0] for p in points],
             [p[1] for p in points],
@@ -104,10 +114,16 @@ def _scatter(
             linestyle=DASHES[background],
             zorder=1,
         )
-        for x, y, tone in points:
+        for x, y, method in points:
+            tone, mark = tones[method], _mark(background, method, tones)
             face = tone if background == "nobg" else "white"
             axes.plot(x, y, mark, color=tone, markerfacecolor=face, markersize=7, zorder=2)
     axes.margins(0.2)
+
+
+def _mark(background: str, method: str, tones: dict[str, str]) -> str:
+    shapes = MARKS[background]
+    return shapes[list(tones).index(method) // len(PALETTE) % len(shapes)]
 
 
 def _handles(mine: Sequence[Cell], tones: dict[str, str]) -> list[Line2D]:
@@ -117,7 +133,7 @@ def _handles(mine: Sequence[Cell], tones: dict[str, str]) -> list[Line2D]:
             [],
             [],
             color=tones[method],
-            marker=MARKS[background],
+            marker=_mark(background, method, tones),
             markerfacecolor=tones[method] if background == "nobg" else "white",
             linestyle="",
             label=condition_name(background, method),

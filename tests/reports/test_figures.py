@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.lines import Line2D
 from PIL import Image
 
 from mattgs_ops.errors import InputError
-from reports import figures, findings, photo_figures, pictures, splat_view
+from reports import figures, findings, photo_figures, pictures, splat_view, trade_off_figure
 from reports.rows import Cell, cells
 
 Row = dict[str, Any]
@@ -216,3 +217,14 @@ def test_a_plots_caption_counts_captures(make_grid: Callable[..., list[Row]]) ->
     assert findings.winners(mine, ["hexapod"], "Highest", value).endswith("3DGS on Hexapod. ")
     alone = [cell for cell in mine if cell.key.method == "ours"]
     assert findings.winners(alone, names, "Highest", value) == ""
+
+
+def test_more_methods_than_colours_still_look_different(
+    make_grid: Callable[..., list[Row]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    handles: list[Line2D] = []
+    monkeypatch.setattr(trade_off_figure, "legend", lambda _, found: handles.extend(found))
+    methods = tuple(f"part-{number}" for number in range(18))
+    trade_off_figure.trade_offs(make_grid(captures=("rover",), methods=methods), tmp_path)
+    looks = {(h.get_marker(), h.get_color(), h.get_markerfacecolor()) for h in handles}
+    assert len(looks) == len(handles) == 2 * len(methods)

@@ -50,7 +50,7 @@ def _uneven(mine: Sequence[Cell], seeds: Sequence[int]) -> list[str]:
     for cell in mine:
         own = [int(row["seed"]) for row in cell.rows]
         if cell.finished and set(seeds) - set(own):
-            finished = ", ".join(str(row["seed"]) for row in cell.finished)
+            finished = _listed(int(row["seed"]) for row in cell.finished)
             few = "seed" if len(cell.finished) == 1 else "seeds"
             found.append(f"{condition_of(cell)}: {few} {finished} only.")
     return found

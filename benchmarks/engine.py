@@ -20,13 +20,13 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from mattgs_ops.camera import Camera, Intrinsics
+from mattgs_ops.capture.camera import Camera, Intrinsics
 from mattgs_ops.splat import _engine
 from mattgs_ops.splat.gaussians import Splats
 from mattgs_ops.splat.memory import Memory
-from mattgs_ops.splat.optimise import FIELDS, Adam
 from mattgs_ops.splat.rasterize import PASSES, backward, render
 from mattgs_ops.splat.ssim import photometric_loss
+from mattgs_ops.splat.training.optimise import FIELDS, Adam
 
 WHITE = (1.0, 1.0, 1.0)
 PEAK_ROUNDS = 200_000  # of the multiply-add loop: about a millisecond

@@ -31,10 +31,10 @@ from pathlib import Path
 import psutil
 
 from benchmarks import tiny
-from flows import embedded
-from flows.prefect_server import PrefectServer
-from mattgs_ops.store import Store
-from tasks import registry
+from flows.services import embedded
+from flows.services.prefect_server import PrefectServer
+from mattgs_ops.store.store import Store
+from tasks.registry import runs
 
 CONDITIONS = ("nobg-3dgs", "nobg-ours")
 OPTIONS = ["--name", "faults", "--iterations", "600", "--conditions", ",".join(CONDITIONS)]
@@ -63,7 +63,7 @@ class Trial:
 
     def start(self) -> "subprocess.Popen[str]":
         """Start the benchmark; its machine-wide locks are this trial's own."""
-        command = [sys.executable, "-m", "flows.cli", "run", "--out", str(self.out)]
+        command = [sys.executable, "-m", "flows.cli.app", "run", "--out", str(self.out)]
         settings = ["--config", str(self.folder / "tiny.toml"), *OPTIONS]
         return subprocess.Popen(
             [*command, *settings, *self.options],
@@ -145,7 +145,7 @@ class Trial:
 
     def runs(self) -> int:
         """Count the runs in MLflow."""
-        return len(registry.rows(f"sqlite:///{self.out / 'mlflow.db'}", "faults"))
+        return len(runs.rows(f"sqlite:///{self.out / 'mlflow.db'}", "faults"))
 
 
 def kill_flow(trial: Trial) -> str:
@@ -173,18 +173,18 @@ def _signalled(trial: Trial, number: signal.Signals) -> str:
 
 def kill_training(trial: Trial) -> str:
     """End a training's own process."""
-    return _killed(trial, lambda: trial.process("tasks.stage_process"))
+    return _killed(trial, lambda: trial.process("tasks.stages.process"))
 
 
 def kill_worker(trial: Trial) -> str:
     """End the Dask worker that has a training below it."""
-    return _killed(trial, lambda: trial.process("tasks.stage_process").parent())
+    return _killed(trial, lambda: trial.process("tasks.stages.process").parent())
 
 
 def kill_server(trial: Trial) -> str:
     """End the embedded Prefect server."""
     trial.embedded = True
-    return _killed(trial, lambda: trial.process("flows.prefect_server"))
+    return _killed(trial, lambda: trial.process("flows.services.prefect_server"))
 
 
 def _killed(trial: Trial, victim: Callable[[], psutil.Process | None]) -> str:
@@ -338,7 +338,7 @@ def shared_services(folder: Path) -> Iterator[None]:
     """Start what every run would start anew: a Prefect server; and make an empty registry."""
     server = PrefectServer(folder / "prefect", folder / "prefect.log")
     try:
-        registry.initialise(f"sqlite:///{folder / 'mlflow.db'}")
+        runs.initialise(f"sqlite:///{folder / 'mlflow.db'}")
         server.wait()
         os.environ["PREFECT_API_URL"] = server.address()
         yield

@@ -9,19 +9,19 @@ import json
 from pathlib import Path
 from typing import Any
 
-from mattgs_ops import provenance
-from mattgs_ops.captures import prepare
+from mattgs_ops.capture.prepare import prepare
+from mattgs_ops.capture.scene import Scene
 from mattgs_ops.config import BenchmarkConfig, CaptureConfig, Condition
-from mattgs_ops.digests import json_digest
-from mattgs_ops.evaluate import measure_speed, render_views, score
-from mattgs_ops.scene import Scene
+from mattgs_ops.score.evaluate import measure_speed, render_views, score
 from mattgs_ops.segment.infer import segment
-from mattgs_ops.segment.report import MaskReport
+from mattgs_ops.segment.mask_report import MaskReport
 from mattgs_ops.sfm import reconstruct
-from mattgs_ops.splat.train import train
-from tasks.capture_files import capture_digest
+from mattgs_ops.splat.training.train import train
+from mattgs_ops.store import provenance
+from mattgs_ops.store.digests import json_digest
 from tasks.row import Row, config_digest
-from tasks.stage import Cell, code_versions
+from tasks.stages.capture_files import capture_digest
+from tasks.stages.stage import Cell, code_versions
 
 EVERY = 10_000  # of training views only the first is scored: the gate goes by their names
 

@@ -20,13 +20,13 @@ import numpy as np
 
 from benchmarks.gate_runs import experiment, make_scene, write_rows
 from flows.grid import cells
+from mattgs_ops.capture.scene import Scene
 from mattgs_ops.config import BenchmarkConfig, load_toml
-from mattgs_ops.scene import Scene
-from mattgs_ops.segment.report import MaskReport
+from mattgs_ops.segment.mask_report import MaskReport
 from mattgs_ops.splat import _engine
-from reports import baseline, speed
-from reports.rows import Row, read_rows
-from reports.self_check import caught_by_size, lose_quality, lose_speed, self_check, told
+from reports.gate import baseline, speed
+from reports.gate.self_check import caught_by_size, lose_quality, lose_speed, self_check, told
+from reports.rows.schema import Row, read_rows
 
 COMPARISONS = 400
 OTHER_THREADS = 2

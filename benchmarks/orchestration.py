@@ -20,13 +20,13 @@ from typing import Any
 import psutil
 
 from benchmarks import tiny
-from flows import embedded
 from flows.grid import cells
+from flows.services import embedded
 from mattgs_ops.config import BenchmarkConfig, load_toml
-from mattgs_ops.store import stage_key
+from mattgs_ops.store.store import stage_key
 from tasks import evaluate, measure, prepare, segment, sfm, train
 from tasks.row import Outcome
-from tasks.stage import Artifact, Place, Stage, code_versions
+from tasks.stages.stage import Artifact, Place, Stage, code_versions
 
 CAPTURE = "board"
 STAGES = (prepare, segment, sfm, train, evaluate, measure)

@@ -23,11 +23,11 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import tiny
-from flows import embedded
-from flows.prefect_server import healthy
-from flows.serve import server
-from reports import baseline as baselines
-from reports.baseline import Baseline
+from flows.services import embedded
+from flows.services.prefect_server import healthy
+from flows.services.serve import server
+from reports.gate import baseline as baselines
+from reports.gate.baseline import Baseline
 
 ROOT = Path(__file__).resolve().parents[1]
 NETWORK = """
@@ -129,7 +129,9 @@ def _raised(scores: dict[str, Any]) -> dict[str, Any]:
 def mattgs(*arguments: str) -> None:
     """Run a command of ours."""
     say(f"$ mattgs {arguments[0]} {Path(arguments[1]).name}")
-    subprocess.run([sys.executable, "-m", "flows.cli", *arguments], check=True, capture_output=True)
+    subprocess.run(
+        [sys.executable, "-m", "flows.cli.app", *arguments], check=True, capture_output=True
+    )
 
 
 def with_serve(folder: Path) -> str:
@@ -137,7 +139,7 @@ def with_serve(folder: Path) -> str:
     port = PORT + 1
     folder.mkdir(parents=True, exist_ok=True)
     say(f"$ mattgs serve --port {port}")
-    command = ("-m", "flows.cli", "serve", "--port", str(port), "--out", str(folder))
+    command = ("-m", "flows.cli.app", "serve", "--port", str(port), "--out", str(folder))
     os.environ.pop("PREFECT_API_URL", None)
     with _started(*command, log=folder):
         url = f"http://127.0.0.1:{port}/api"

@@ -18,13 +18,13 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from mattgs_ops.capture.scene import PreparedCapture
 from mattgs_ops.config import BUNDLED, CaptureConfig, SegmentConfig, SfmConfig
-from mattgs_ops.scene import PreparedCapture
-from mattgs_ops.segment.export import export
 from mattgs_ops.segment.infer import segment
-from mattgs_ops.segment.network import BUNDLED_MODEL, SaliencyNetwork
-from mattgs_ops.segment.report import MaskReport
-from mattgs_ops.segment.u2net import U2Net
+from mattgs_ops.segment.mask_report import MaskReport
+from mattgs_ops.segment.network.export import export
+from mattgs_ops.segment.network.saliency import BUNDLED_MODEL, SaliencyNetwork
+from mattgs_ops.segment.network.u2net import U2Net
 
 PHOTOS, REPEATS = 8, 3
 GAIN = 100  # of the timed network's last layer: untrained maps are flat, and refused as empty
@@ -81,9 +81,9 @@ def main() -> None:
 
 def quality_rows(name: str, folder: Path, threads: int, masks: Sequence[str]) -> None:
     """Print a capture's rows."""
-    from mattgs_ops import captures
+    from mattgs_ops.capture import prepare
 
-    prepared = captures.prepare(CaptureConfig(name=name), folder / name, test_every=8)
+    prepared = prepare.prepare(CaptureConfig(name=name), folder / name, test_every=8)
     for label, config in MASKS.items():
         if label in masks:
             print_row(name, label, segment(prepared, config, folder / f"{name}-{label}"))
@@ -97,7 +97,7 @@ def quality_rows(name: str, folder: Path, threads: int, masks: Sequence[str]) ->
 def voted(capture: PreparedCapture, alone: Path, folder: Path, threads: int) -> MaskReport:
     """Return the masks' report after structure-from-motion and the views' agreement."""
     from mattgs_ops import sfm
-    from mattgs_ops.segment.agree import agree
+    from mattgs_ops.object_masks.cross_view import agree
 
     solved, out = folder / f"{capture.name}-solved", folder / f"{capture.name}-agreed"
     scene = sfm.reconstruct(

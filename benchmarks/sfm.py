@@ -17,10 +17,11 @@ from typing import Any
 
 import numpy as np
 
-from mattgs_ops import captures, sfm, sparse
+from mattgs_ops import sfm
+from mattgs_ops.capture import prepare, sparse
+from mattgs_ops.capture.scene import PreparedCapture, Scene
 from mattgs_ops.config import CaptureConfig, SegmentConfig, SfmConfig
 from mattgs_ops.errors import MattgsError
-from mattgs_ops.scene import PreparedCapture, Scene
 
 HEADER = (
     "capture", "setting", "registered", "key points (in masks)", "matches", "points",
@@ -55,7 +56,7 @@ def prepared(text: str, scratch: Path) -> tuple[PreparedCapture, Path]:
     """Prepare a capture and find or make its masks."""
     name, _, path = text.partition("=")
     config = CaptureConfig(name=name, path=Path(path) if path else None)
-    capture = captures.prepare(config, scratch / name, test_every=8)
+    capture = prepare.prepare(config, scratch / name, test_every=8)
     masks = capture.folder / "masks"
     if capture.masks_are == "none":
         from mattgs_ops.segment.infer import segment

@@ -28,7 +28,7 @@ from pathlib import Path
 import psutil
 
 from benchmarks import tiny
-from flows.prefect_server import PrefectServer
+from flows.services.prefect_server import PrefectServer
 
 NAME = "two-machines"
 OPTIONS = ["--name", NAME, "--conditions", "nobg-3dgs,nobg-ours"]
@@ -213,7 +213,7 @@ def _wait_for_workers(address: str) -> None:
 
 
 def _start(folder: Path, scheduler: str, size: list[str]) -> "subprocess.Popen[str]":
-    command = [sys.executable, "-m", "flows.cli", "run", "--config", str(folder / "tiny.toml")]
+    command = [sys.executable, "-m", "flows.cli.app", "run", "--config", str(folder / "tiny.toml")]
     command += [*OPTIONS, *size]
     command += ["--dask-scheduler", scheduler, "--store", f"s3://{BUCKET}/store"]
     command += ["--out", str(folder / "flow")]
@@ -235,7 +235,7 @@ def _tell(folder: Path, trainings: int) -> bool:
     """Print who did what; return whether each worker trained and each run is in MLflow."""
     import fsspec
 
-    from tasks import registry
+    from tasks.registry import runs
 
     print("| machine | prepare | segment | sfm | train | evaluate | measure |")
     print("|---|--:|--:|--:|--:|--:|--:|")
@@ -246,7 +246,7 @@ def _tell(folder: Path, trainings: int) -> bool:
     files = fsspec.filesystem("s3", use_listings_cache=False)
     found = files.du(f"{BUCKET}/store", total=False)
     manifests = sum(path.endswith("/manifest.json") for path in found)
-    runs = registry.rows(os.environ["MLFLOW_TRACKING_URI"], NAME)
+    runs = runs.rows(os.environ["MLFLOW_TRACKING_URI"], NAME)
     rows = json.loads(_rows_file(folder).read_text(encoding="utf-8"))
     print(f"\nObject store: {manifests} artifacts, {len(found)} objects, ", end="")
     print(f"{sum(found.values()) / 1e6:.1f} MB; MLflow: {len(runs)} runs")

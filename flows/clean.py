@@ -3,12 +3,12 @@
 import time
 from pathlib import Path
 
-from flows import embedded
+from flows.services import embedded
 from mattgs_ops.errors import InputError
-from mattgs_ops.store import Store
-from mattgs_ops.store_cleaning import Kind, Removal, clean
-from tasks import registry, registry_orphans
-from tasks.stage import Place
+from mattgs_ops.store.cleaning import Kind, Removal, clean
+from mattgs_ops.store.store import Store
+from tasks.registry import orphans, runs
+from tasks.stages.stage import Place
 
 UNITS = ("bytes", "kB", "MB", "GB", "TB")
 PLURALS: dict[Kind, str] = {
@@ -35,7 +35,7 @@ def clean_up(out: Path, *, unused_hours: float, dry_run: bool) -> str:
 
 def _close(out: Path, *, dry_run: bool) -> list[str]:
     """Close the runs that dead processes left open; one line each."""
-    closed = registry_orphans.close_orphans(embedded.tracking_uri(out), dry_run=dry_run)
+    closed = orphans.close_orphans(embedded.tracking_uri(out), dry_run=dry_run)
     verb = "Would close" if dry_run else "Closed"
     return [f"{verb} as KILLED, its process is gone: {name}" for name in closed]
 
@@ -52,14 +52,14 @@ def referred(out: Path) -> set[str]:
     rows = [row for path in sorted(out.glob("benchmarks/*/rows.json")) for row in _read(path)]
     if _recorded(out):
         tracking = embedded.tracking_uri(out)
-        for benchmark in registry.benchmarks(tracking):
-            rows += registry.rows(tracking, benchmark)
+        for benchmark in runs.benchmarks(tracking):
+            rows += runs.rows(tracking, benchmark)
     places = [place for row in rows for place in (row.get("artifacts") or {}).values()]
     return {"/".join(Path(place).parts[:2]) for place in places}
 
 
-def _read(path: Path) -> list[registry.Row]:
-    from reports.rows import read_rows
+def _read(path: Path) -> list[runs.Row]:
+    from reports.rows.schema import read_rows
 
     return list(read_rows(path))
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from mattgs_ops.config import BenchmarkConfig
-from tasks.stage import Cell
+from tasks.stages.stage import Cell
 
 
 def cells(config: BenchmarkConfig, capture: str) -> Iterator[Cell]:

@@ -19,9 +19,9 @@ from prefect.artifacts import (
     update_progress_artifact,
 )
 
-from reports import formats
-from reports.rows import Row
-from reports.side_tables import all_tables
+from reports.rows.schema import Row
+from reports.tables import formats
+from reports.tables.side_tables import all_tables
 
 PROGRESS_SECONDS = 5.0  # an update is an API call: at most one in this time
 

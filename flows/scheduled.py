@@ -44,8 +44,8 @@ def grid(
 
     Ends as failed when an experiment has failed.
     """
-    from flows.options import benchmark_config
-    from flows.run import run_benchmark
+    from flows.cli.options import benchmark_config
+    from flows.cli.run import run_benchmark
 
     given = {"iterations": iterations, "resolution": resolution, "seeds": seeds}
     merged = benchmark_config(config, {"name": name, "conditions": conditions, **given})
@@ -58,8 +58,8 @@ def grid(
 @flow(name="segmenter", flow_run_name="train segmenter", persist_result=False)
 def segmenter(folder: Path, config: Path | None = None, out: Path = DEFAULT_OUT) -> None:
     """Train U²-Net as ``mattgs segment train`` does; an interrupted training goes on."""
-    from flows import embedded
-    from mattgs_ops.segment.train_config import SegmentTrainConfig, load_train_config
+    from flows.services import embedded
+    from mattgs_ops.segment.network.train_config import SegmentTrainConfig, load_train_config
     from tasks.train_segmenter import train_segmenter
 
     settings = SegmentTrainConfig() if config is None else load_train_config(config)
@@ -74,7 +74,7 @@ def segmenter(folder: Path, config: Path | None = None, out: Path = DEFAULT_OUT)
 @flow(name="gate", flow_run_name="gate {benchmark}", persist_result=False)
 def gate(benchmark: str, baseline: str, out: Path = DEFAULT_OUT) -> None:
     """Compare a recorded benchmark with a baseline; ends as failed unless the gate passes."""
-    from flows.judge import judge
+    from flows.gate import judge
 
     text, code = judge(out.resolve(), benchmark, baseline)
     create_markdown_artifact(f"```\n{text}\n```", key="gate", description=f"Gate of {benchmark}")

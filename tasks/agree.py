@@ -1,10 +1,10 @@
-"""Make the masks of a scene's views agree (``mattgs_ops/segment/agree.py``)."""
+"""Make the masks of a scene's views agree (``mattgs_ops/object_masks/cross_view.py``)."""
 
 from pathlib import Path
 from typing import Any
 
 from mattgs_ops.progress import Progress
-from tasks.stage import Artifact, Place, Stage, perform
+from tasks.stages.stage import Artifact, Place, Stage, perform
 
 
 def agree(place: Place, name: str, prepared: Artifact, scene: Artifact) -> Artifact:
@@ -22,8 +22,8 @@ def agree(place: Place, name: str, prepared: Artifact, scene: Artifact) -> Artif
 
 def operate(arguments: dict[str, Any], out: Path, threads: int, progress: Progress) -> None:
     """Run in the stage's process."""
-    from mattgs_ops.scene import PreparedCapture, Scene
-    from mattgs_ops.segment.agree import agree as make_agree
+    from mattgs_ops.capture.scene import PreparedCapture, Scene
+    from mattgs_ops.object_masks.cross_view import agree as make_agree
 
     make_agree(
         Scene.load(Path(arguments["scene"])),

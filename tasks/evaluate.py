@@ -1,11 +1,11 @@
-"""Render and score one experiment's splats (``mattgs_ops/evaluate.py``); speed comes later."""
+"""Render and score one experiment's splats (``mattgs_ops/score/evaluate.py``), without speed."""
 
 from pathlib import Path
 from typing import Any
 
 from mattgs_ops.config import BenchmarkConfig, Condition
 from mattgs_ops.progress import Progress
-from tasks.stage import Artifact, Cell, Place, Stage, perform
+from tasks.stages.stage import Artifact, Cell, Place, Stage, perform
 
 
 def evaluate(
@@ -31,9 +31,9 @@ def evaluate(
 
 def operate(arguments: dict[str, Any], out: Path, threads: int, progress: Progress) -> None:
     """Run in the stage's process."""
-    from mattgs_ops.evaluate import render_views, score
-    from mattgs_ops.scene import Scene
-    from mattgs_ops.splat.report import TrainingReport
+    from mattgs_ops.capture.scene import Scene
+    from mattgs_ops.score.evaluate import render_views, score
+    from mattgs_ops.splat.training.report import TrainingReport
 
     splats = Path(arguments["splats"])
     render_views(

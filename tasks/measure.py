@@ -1,8 +1,8 @@
-"""Measure rendering speed, alone on its machine (``mattgs_ops/evaluate.py``).
+"""Measure rendering speed, alone on its machine (``mattgs_ops/score/evaluate.py``).
 
 All experiments of a capture are measured in one process, one after another. The flow calls this
-when no other stage of the benchmark runs any more, and ``tasks/quiet.py`` keeps the stages of other
-benchmarks on this machine away.
+when no other stage of the benchmark runs any more, and ``tasks/stages/quiet.py`` keeps the stages
+of other benchmarks on this machine away.
 """
 
 import json
@@ -12,7 +12,7 @@ from typing import Any
 from mattgs_ops.config import BenchmarkConfig, Condition
 from mattgs_ops.progress import Progress
 from tasks.row import Outcome, scene_of
-from tasks.stage import Cell, Place, Stage, perform
+from tasks.stages.stage import Cell, Place, Stage, perform
 
 SPEED_FILE = "speed.json"
 
@@ -50,9 +50,9 @@ def measure(
 
 def operate(arguments: dict[str, Any], out: Path, threads: int, progress: Progress) -> None:
     """Run in the stage's process."""
-    from mattgs_ops.evaluate import measure_speed
-    from mattgs_ops.scene import Scene
-    from mattgs_ops.splat.report import TrainingReport
+    from mattgs_ops.capture.scene import Scene
+    from mattgs_ops.score.evaluate import measure_speed
+    from mattgs_ops.splat.training.report import TrainingReport
 
     speeds = {}
     jobs = arguments["jobs"]

@@ -18,7 +18,7 @@ from tasks.measure import measure as measure_stage
 from tasks.prepare import prepare as prepare_stage
 from tasks.segment import segment as segment_stage
 from tasks.sfm import sfm as sfm_stage
-from tasks.stage_process import CrashError
+from tasks.stages.process import CrashError
 from tasks.train import train as train_stage
 
 RETRY_DELAY_SECONDS = 2.0

@@ -1,12 +1,12 @@
-"""Prepare a capture: photos validated, upright, split (``mattgs_ops/captures.py``)."""
+"""Prepare a capture: photos validated, upright, split (``mattgs_ops/capture/prepare.py``)."""
 
 from pathlib import Path
 from typing import Any
 
 from mattgs_ops.config import BenchmarkConfig, CaptureConfig
 from mattgs_ops.progress import Progress
-from tasks.capture_files import capture_digest
-from tasks.stage import Artifact, Place, Stage, perform
+from tasks.stages.capture_files import capture_digest
+from tasks.stages.stage import Artifact, Place, Stage, perform
 
 
 def prepare(place: Place, capture: CaptureConfig, config: BenchmarkConfig) -> Artifact:
@@ -34,7 +34,7 @@ def prepare(place: Place, capture: CaptureConfig, config: BenchmarkConfig) -> Ar
 def operate(arguments: dict[str, Any], out: Path, threads: int, progress: Progress) -> None:
     """Run in the stage's process."""
     del threads
-    from mattgs_ops import captures
+    from mattgs_ops.capture import prepare as prepare_photos
 
     capture = CaptureConfig.model_validate(arguments["capture"])
-    captures.prepare(capture, out, test_every=arguments["test_every"], progress=progress)
+    prepare_photos.prepare(capture, out, test_every=arguments["test_every"], progress=progress)

@@ -1,4 +1,4 @@
-"""From a finished (or failed) experiment's folders to its row; the schema is ``reports/rows.py``'s.
+"""From a finished (or failed) experiment's folders to its row (``reports/rows/schema.py``).
 
 A row holds numbers and references only; everything in it is read from the stages' own reports.
 """
@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from mattgs_ops.config import BenchmarkConfig, Condition
-from mattgs_ops.digests import file_digest, json_digest
-from tasks.stage import Artifact, Cell, Place, code_versions
+from mattgs_ops.store.digests import file_digest, json_digest
+from tasks.stages.stage import Artifact, Cell, Place, code_versions
 
-SCHEMA, PROTOCOL = 1, 1  # as in reports/rows.py, which a test compares
+SCHEMA, PROTOCOL = 1, 1  # as in reports/rows/schema.py, which a test compares
 # Stage → what a row calls its folder.
 ARTIFACT_NAMES = {
     "prepare": "capture",

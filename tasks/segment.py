@@ -4,10 +4,10 @@ from pathlib import Path
 from typing import Any
 
 from mattgs_ops.config import SegmentConfig
-from mattgs_ops.digests import file_digest
 from mattgs_ops.progress import Progress
-from mattgs_ops.segment.network import BUNDLED_MODEL
-from tasks.stage import Artifact, Place, Stage, perform
+from mattgs_ops.segment.network.saliency import BUNDLED_MODEL
+from mattgs_ops.store.digests import file_digest
+from tasks.stages.stage import Artifact, Place, Stage, perform
 
 
 def segment(place: Place, name: str, prepared: Artifact, config: SegmentConfig) -> Artifact:
@@ -32,7 +32,7 @@ def segment(place: Place, name: str, prepared: Artifact, config: SegmentConfig) 
 
 def operate(arguments: dict[str, Any], out: Path, threads: int, progress: Progress) -> None:
     """Run in the stage's process."""
-    from mattgs_ops.scene import PreparedCapture
+    from mattgs_ops.capture.scene import PreparedCapture
     from mattgs_ops.segment.infer import segment as cut_out
 
     capture = PreparedCapture.load(Path(arguments["capture"]))

@@ -6,7 +6,7 @@ from typing import Any
 
 from mattgs_ops.config import SfmConfig
 from mattgs_ops.progress import Progress
-from tasks.stage import Artifact, Place, Stage, perform
+from tasks.stages.stage import Artifact, Place, Stage, perform
 
 
 def sfm(
@@ -30,7 +30,7 @@ def sfm(
 
 def operate(arguments: dict[str, Any], out: Path, threads: int, progress: Progress) -> None:
     """Run in the stage's process."""
-    from mattgs_ops.scene import PreparedCapture
+    from mattgs_ops.capture.scene import PreparedCapture
     from mattgs_ops.sfm import reconstruct
 
     masks = Path(arguments["masks"])

@@ -2,7 +2,7 @@
 
 MLflow imports this module by its name when such a model is loaded, so the project has to be
 installed there. A camera is one row of a table, or one mapping, in the project's convention
-(``mattgs_ops/camera.py``)::
+(``mattgs_ops/capture/camera.py``)::
 
     {"width": 320, "height": 240, "fx": 280.0, "fy": 280.0, "cx": 160.0, "cy": 120.0,
      "rotation": [[…], […], […]], "translation": [x, y, z]}
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mattgs_ops.camera import Camera, Intrinsics
+from mattgs_ops.capture.camera import Camera, Intrinsics
 from mattgs_ops.errors import InputError
 
 SPLATS, SETTINGS = "splats.ply", "model.json"
@@ -30,7 +30,7 @@ class SplatModel:
     def __init__(self, folder: Path) -> None:
         import json
 
-        from mattgs_ops.splat.ply import read_ply
+        from mattgs_ops.splat.files.ply import read_ply
 
         self._splats = read_ply(folder / SPLATS)
         settings = json.loads((folder / SETTINGS).read_text(encoding="utf-8"))

@@ -1,4 +1,4 @@
-"""Train the splats of one experiment (``mattgs_ops/splat/train.py``)."""
+"""Train the splats of one experiment (``mattgs_ops/splat/training/train.py``)."""
 
 from pathlib import Path
 from typing import Any
@@ -6,9 +6,11 @@ from typing import Any
 from mattgs_ops.config import BenchmarkConfig, Condition, TrainConfig
 from mattgs_ops.method import MethodConfig
 from mattgs_ops.progress import Progress
-from tasks.stage import Artifact, Cell, Place, Stage, perform
+from tasks.stages.stage import Artifact, Cell, Place, Stage, perform
 
-CHECKPOINT = "checkpoint.npz"  # mattgs_ops/splat/checkpoint.py, which takes seconds to import
+CHECKPOINT = (
+    "checkpoint.npz"  # mattgs_ops/splat/training/checkpoint.py, which takes seconds to import
+)
 
 
 def train(place: Place, cell: Cell, scene: Artifact, config: BenchmarkConfig) -> Artifact:
@@ -47,8 +49,8 @@ def training_title(cell: Cell) -> str:
 
 def operate(arguments: dict[str, Any], out: Path, threads: int, progress: Progress) -> None:
     """Run in the stage's process."""
-    from mattgs_ops.scene import Scene
-    from mattgs_ops.splat.train import train as train_splats
+    from mattgs_ops.capture.scene import Scene
+    from mattgs_ops.splat.training.train import train as train_splats
 
     train_splats(
         Scene.load(Path(arguments["scene"])),

@@ -1,14 +1,14 @@
-"""Train the segmenter (``mattgs_ops/segment/train.py``), follow it in MLflow, export it to ONNX."""
+"""Train the segmenter (``mattgs_ops/segment/network``), follow it in MLflow, export it to ONNX."""
 
 import hashlib
 from pathlib import Path
 
 from mattgs_ops.progress import Progress, no_progress
-from mattgs_ops.segment.export import export
-from mattgs_ops.segment.train import identity_of, train
-from mattgs_ops.segment.train_config import SegmentTrainConfig
-from mattgs_ops.segment.u2net import U2Net, load_weights
-from tasks.registry_training import TrainingRun
+from mattgs_ops.segment.network.export import export
+from mattgs_ops.segment.network.train import identity_of, train
+from mattgs_ops.segment.network.train_config import SegmentTrainConfig
+from mattgs_ops.segment.network.u2net import U2Net, load_weights
+from tasks.registry.segmenter_training import TrainingRun
 
 KEY_LETTERS = 12
 

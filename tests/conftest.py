@@ -27,8 +27,8 @@ def real_data() -> Path:
 @pytest.fixture(scope="session")
 def fresh_registry(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return an MLflow database without runs, made once: to be copied, making one takes seconds."""
-    from tasks import registry
+    from tasks.registry import runs
 
     path = tmp_path_factory.mktemp("registry") / "mlflow.db"
-    registry.initialise(f"sqlite:///{path}")
+    runs.initialise(f"sqlite:///{path}")
     return path

@@ -16,10 +16,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mattgs_ops.config import SegmentConfig
-from mattgs_ops.errors import InputError, StageError
-from mattgs_ops.mask_files import decode_mask, looks_inverted, polarity_problem
-from mattgs_ops.masks import (
+from mattgs_ops.capture.mask_files import decode_mask, looks_inverted, polarity_problem
+from mattgs_ops.capture.masks import (
     Mask,
     SoftMap,
     clean,
@@ -28,11 +26,13 @@ from mattgs_ops.masks import (
     threshold,
     write_mask,
 )
+from mattgs_ops.capture.scene import PreparedCapture, View
+from mattgs_ops.config import SegmentConfig
+from mattgs_ops.errors import InputError, StageError
 from mattgs_ops.progress import Progress, no_progress
-from mattgs_ops.scene import PreparedCapture, View
-from mattgs_ops.segment.network import BUNDLED_MODEL, SaliencyNetwork
-from mattgs_ops.segment.refine import grabcut, grabcut_seeded
-from mattgs_ops.segment.report import MaskReport, ViewReport, border_share, flags_of
+from mattgs_ops.segment.grabcut import grabcut, grabcut_seeded
+from mattgs_ops.segment.mask_report import MaskReport, ViewReport, border_share, flags_of
+from mattgs_ops.segment.network.saliency import BUNDLED_MODEL, SaliencyNetwork
 
 
 def segment(

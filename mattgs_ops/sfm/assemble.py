@@ -9,12 +9,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mattgs_ops.camera import Camera, Intrinsics
+from mattgs_ops.capture.camera import Camera, Intrinsics
+from mattgs_ops.capture.scene import PreparedCapture, SparsePoints, View
+from mattgs_ops.capture.sparse import ColmapCamera, SparseModel, object_points
+from mattgs_ops.capture.undistortion import Lens, Undistortion, undistortion
 from mattgs_ops.errors import StageError
-from mattgs_ops.scene import PreparedCapture, SparsePoints, View
 from mattgs_ops.sfm.checks import mask_path, read_mask
-from mattgs_ops.sparse import ColmapCamera, SparseModel, object_points
-from mattgs_ops.undistort import Lens, Undistortion, undistortion
 
 Grey = NDArray[np.uint8]
 # A distortion that moves no pixel farther than this is not worth a resampling, which blurs.

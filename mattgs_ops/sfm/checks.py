@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mattgs_ops.capture.scene import PreparedCapture, View
 from mattgs_ops.errors import InputError
-from mattgs_ops.scene import PreparedCapture, View
 
 FEWEST_PHOTOS = 3  # two views fix no scale drift and leave nothing to hold out
 MOST_NAMED = 5  # problems told in one message

@@ -16,15 +16,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from mattgs_ops import alignment, sfm_figure, sparse
+from mattgs_ops.capture import sparse
+from mattgs_ops.capture.scene import PreparedCapture, Scene, View
 from mattgs_ops.config import SfmConfig
 from mattgs_ops.errors import StageError
 from mattgs_ops.progress import Progress, no_progress
-from mattgs_ops.scene import PreparedCapture, Scene, View
-from mattgs_ops.sfm import assemble, hull
+from mattgs_ops.sfm import alignment, assemble, figure, visual_hull
 from mattgs_ops.sfm.checks import check, mask_path
-from mattgs_ops.sfm.job import KEYPOINTS_FILE, MODEL_FOLDER, Answer, Job, JobView
-from mattgs_ops.sfm.process import run_worker
+from mattgs_ops.sfm.colmap.job import KEYPOINTS_FILE, MODEL_FOLDER, Answer, Job, JobView
+from mattgs_ops.sfm.colmap.process import run_worker
 
 LOG_FILE, FIGURE_FILE = "sfm.log", "sfm.png"
 WORKSPACE = "sfm-workspace"
@@ -82,7 +82,9 @@ def reconstruct(
             if len(points.xyz)
             else "random in the visual hull"
         )
-        points = hull.joined(points, hull.fill(views, config.random_points, config.seed))
+        points = visual_hull.joined(
+            points, visual_hull.fill(views, config.random_points, config.seed)
+        )
     extra["points"] = len(points.xyz)
     extra["object_points"] = len(sparse.on_object(points).xyz)
     extra["triangulated"] = len(model.xyz)
@@ -90,7 +92,7 @@ def reconstruct(
     sparse.write_ply(points, out / "points.ply")
     scene = Scene(capture.name, out, views, extra)
     scene.save(points)
-    sfm_figure.draw(scene, out / FIGURE_FILE)
+    figure.draw(scene, out / FIGURE_FILE)
     return scene
 
 

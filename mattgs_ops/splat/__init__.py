@@ -1,1 +1,7 @@
-"""3D Gaussian splatting on a CPU: parameters, compiled engine, training, rendering."""
+"""3D Gaussian Splatting on the CPU: parameters, rasteriser, losses.
+
+``gaussians`` holds the parameters, ``rasterize`` and ``ssim`` call the compiled engine,
+``attention`` is the paper's map, ``photos`` the training images. ``training/`` optimises,
+``files/`` reads and writes splat formats. Public face: ``training.train.train``,
+``render.render_view``.
+"""

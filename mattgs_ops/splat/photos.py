@@ -15,11 +15,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mattgs_ops.camera import Camera
+from mattgs_ops.capture.camera import Camera
+from mattgs_ops.capture.scene import View
 from mattgs_ops.config import TrainConfig
 from mattgs_ops.errors import InputError
 from mattgs_ops.frozen import Background
-from mattgs_ops.scene import View
 
 Floats = NDArray[np.float32]
 Bytes = NDArray[np.uint8]

@@ -15,7 +15,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from mattgs_ops.camera import Camera
+from mattgs_ops.capture.camera import Camera
 from mattgs_ops.errors import InputError
 from mattgs_ops.splat import _engine
 from mattgs_ops.splat.gaussians import Splats

@@ -7,11 +7,11 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from mattgs_ops import stopwatch
-from mattgs_ops.camera import Camera
+from mattgs_ops.capture.camera import Camera
 from mattgs_ops.splat.gaussians import Splats
 from mattgs_ops.splat.photos import WHITE
 from mattgs_ops.splat.rasterize import render
+from mattgs_ops.timing import stopwatch
 
 WARM_UP = 3  # renderings before the clock runs: first touch of memory, thread start
 

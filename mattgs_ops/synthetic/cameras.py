@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.random import Generator
 
-from mattgs_ops.camera import Camera, Intrinsics, from_opengl
-from mattgs_ops.synthetic.mesh import Array
+from mattgs_ops.capture.camera import Camera, Intrinsics, from_opengl
+from mattgs_ops.synthetic.surfaces.mesh import Array
 
 FOCAL = 600 / 640  # focal length over the photo's width, about a telephone's main lens
 

@@ -11,7 +11,7 @@ import numpy as np
 from PIL import Image as PilImage
 
 from mattgs_ops.errors import InputError
-from mattgs_ops.synthetic.materials import Image
+from mattgs_ops.synthetic.surfaces.materials import Image
 
 COLUMNS, EVERY, WIDTH = 4, 6, 320  # thumbnails per row, every which photo, pixels
 QUALITY = 85

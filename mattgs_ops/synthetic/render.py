@@ -23,9 +23,9 @@ from mattgs_ops.errors import InputError
 from mattgs_ops.progress import Progress, no_progress
 from mattgs_ops.synthetic import cameras
 from mattgs_ops.synthetic.denoise import denoise
-from mattgs_ops.synthetic.desk import furnish
-from mattgs_ops.synthetic.materials import Part, Stage
-from mattgs_ops.synthetic.mesh import Array
+from mattgs_ops.synthetic.surfaces.materials import Part, Stage
+from mattgs_ops.synthetic.surfaces.mesh import Array
+from mattgs_ops.synthetic.surroundings.desk import furnish
 from mattgs_ops.synthetic.tracer import Layers, Tracer, choose_variant, room_light
 
 NAMES = ("rover", "hexapod", "lattepanda", "desk_extra")
@@ -58,7 +58,7 @@ def build_world(name: str, views: int, seed: int) -> World:
     """Build a scene from its seed; raises :class:`InputError` for unknown names."""
     if name not in NAMES:
         raise InputError(f"capture {name!r}: expected one of {', '.join(NAMES)}")
-    module: ModuleType = import_module(f"mattgs_ops.synthetic.{name}")
+    module: ModuleType = import_module(f"mattgs_ops.synthetic.objects.{name}")
     # one stream each, so that another number of views leaves the desk as it is
     key = NAMES.index(name)
     desk, thing, walk = (np.random.default_rng([seed, key, k]) for k in range(3))

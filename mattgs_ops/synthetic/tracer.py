@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mattgs_ops.errors import StageError
-from mattgs_ops.synthetic.atlas import Sheet, pack
 from mattgs_ops.synthetic.cameras import FOCAL
-from mattgs_ops.synthetic.materials import Part, Stage
-from mattgs_ops.synthetic.mesh import Array, write_ply
+from mattgs_ops.synthetic.surfaces.atlas import Sheet, pack
+from mattgs_ops.synthetic.surfaces.materials import Part, Stage
+from mattgs_ops.synthetic.surfaces.mesh import Array, write_ply
 
 DEPTH = 4  # bounces of light, the last into the lamp included
 GRID = 3  # samples per pixel and direction of the layers

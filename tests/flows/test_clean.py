@@ -10,8 +10,8 @@ import pytest
 
 from flows.clean import clean_up, size
 from mattgs_ops.errors import InputError
-from mattgs_ops.store import Store, stage_key
-from tasks import registry
+from mattgs_ops.store.store import Store, stage_key
+from tasks.registry import runs
 
 
 def put(out: Path, name: str) -> str:
@@ -42,10 +42,10 @@ def test_runs_and_rows_hold_on_to_their_artifacts(
     text = json.dumps([row(0, in_rows)])
     (tmp_path / "benchmarks" / "b" / "rows.json").write_text(text)
     uri = f"sqlite:///{tmp_path / 'mlflow.db'}"
-    registry.initialise(uri)
-    experiment = registry.open_benchmark(uri, "b", tmp_path / "mlflow-artifacts")
-    registry.record(uri, experiment, row(1, in_mlflow), parameters={})
-    registry.begin(uri, experiment, row(2, "nothing yet"), {})  # at work, or killed
+    runs.initialise(uri)
+    experiment = runs.open_benchmark(uri, "b", tmp_path / "mlflow-artifacts")
+    runs.record(uri, experiment, row(1, in_mlflow), parameters={})
+    runs.begin(uri, experiment, row(2, "nothing yet"), {})  # at work, or killed
 
     told = clean_up(tmp_path, unused_hours=0, dry_run=True)
     assert "Would remove 1 artifact, 0 work folders, 1 lock: 1.4 kB" in told

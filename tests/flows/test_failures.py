@@ -17,7 +17,7 @@ import pytest
 from PIL import Image
 
 import mattgs_ops
-from reports.tables import HOLE
+from reports.tables.tables import HOLE
 
 PHOTOS = Path(mattgs_ops.__file__).parent / "bundled" / "lattepanda" / "images"
 SETTINGS = """
@@ -59,7 +59,7 @@ def test_what_cannot_be_reconstructed_or_diverges_fails_alone(tmp_path: Path) ->
     write_captures(tmp_path)
     (tmp_path / "mixed.toml").write_text(SETTINGS)
     out = tmp_path / "out"
-    command = [sys.executable, "-m", "flows.cli", "run", "--out", str(out)]
+    command = [sys.executable, "-m", "flows.cli.app", "run", "--out", str(out)]
     done = subprocess.run(
         [*command, "--config", str(tmp_path / "mixed.toml")],
         capture_output=True,

@@ -8,13 +8,13 @@ from typing import Any
 import pytest
 import torch
 
-from flows.judge import find_baseline, judge
+from flows.gate import find_baseline, judge
 from mattgs_ops.errors import InputError
+from mattgs_ops.splat.files.ply import write_ply
 from mattgs_ops.splat.gaussians import Splats
-from mattgs_ops.splat.ply import write_ply
-from reports import baseline
-from tasks import registry, registry_promotion
-from tasks.registry_lookup import find_run
+from reports.gate import baseline
+from tasks.registry import promotion, runs
+from tasks.registry.lookup import find_run
 
 Row = dict[str, Any]
 
@@ -32,9 +32,9 @@ def out(fresh_registry: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     write_ply(cloud, tmp_path / "splats.ply")
     (tmp_path / "training.json").write_text(json.dumps({"background": (1.0, 1.0, 1.0)}))
     files = [(tmp_path / name, "") for name in ("splats.ply", "training.json")]
-    experiment = registry.open_benchmark(uri, "quick-ci", tmp_path / "artifacts")
-    run = registry.record(uri, experiment, row, parameters={}, files=files)
-    registry_promotion.promote(uri, find_run(uri, run))
+    experiment = runs.open_benchmark(uri, "quick-ci", tmp_path / "artifacts")
+    run = runs.record(uri, experiment, row, parameters={}, files=files)
+    promotion.promote(uri, find_run(uri, run))
     folder = tmp_path / "benchmarks" / "quick-ci"
     folder.mkdir(parents=True)
     (folder / "rows.json").write_text(json.dumps([row]))

@@ -49,7 +49,15 @@ def test_each_deployment_can_be_loaded_and_takes_its_parameters(
 
 
 def test_an_unknown_schedule_is_refused_by_name(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "flows.cli", "serve", "grid/hourly", "--out", str(tmp_path)]
+    command = [
+        sys.executable,
+        "-m",
+        "flows.cli.app",
+        "serve",
+        "grid/hourly",
+        "--out",
+        str(tmp_path),
+    ]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
     assert done.returncode == 2
     assert done.stderr.startswith("mattgs: grid/hourly: expected one of grid/nightly")

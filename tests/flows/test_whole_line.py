@@ -16,13 +16,13 @@ from typing import Any
 import pytest
 
 import mattgs_ops
-from mattgs_ops import evaluate
+from mattgs_ops.capture.scene import Scene
 from mattgs_ops.config import CONDITIONS, Condition
-from mattgs_ops.metrics import METRICS
-from mattgs_ops.scene import Scene
-from mattgs_ops.splat.initialise import initial_splats, starting_points
+from mattgs_ops.score import evaluate
+from mattgs_ops.score.metrics import METRICS
+from mattgs_ops.splat.files.ply import write_ply
 from mattgs_ops.splat.photos import store_views
-from mattgs_ops.splat.ply import write_ply
+from mattgs_ops.splat.training.initialise import initial_splats, starting_points
 
 pytestmark = pytest.mark.slow
 
@@ -48,7 +48,7 @@ Rows = dict[str, dict[str, Any]]
 
 def mattgs(*arguments: str | Path, temporary: Path) -> subprocess.CompletedProcess[str]:
     """Run the command; what silences the machine lies in ``temporary``, apart from others'."""
-    command = [sys.executable, "-m", "flows.cli", *map(str, arguments)]
+    command = [sys.executable, "-m", "flows.cli.app", *map(str, arguments)]
     environment = os.environ | {"TMPDIR": str(temporary)}
     return subprocess.run(
         command, capture_output=True, text=True, timeout=TIMEOUT, check=False, env=environment

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
-from mattgs_ops.camera import Camera, Intrinsics
+from mattgs_ops.capture.camera import Camera, Intrinsics
 from mattgs_ops.splat.gaussians import Splats
 
 

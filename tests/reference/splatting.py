@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from mattgs_ops.camera import Camera
+from mattgs_ops.capture.camera import Camera
 
 LOW_PASS, ALPHA_MAX, ALPHA_MIN, T_MIN, NEAR, FOV_MARGIN = 0.3, 0.99, 1 / 255, 1e-4, 0.2, 0.3
 

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from PIL import Image, ImageFilter
 
-from mattgs_ops.camera import Camera, Intrinsics
-from mattgs_ops.scene import Scene, SparsePoints, View
+from mattgs_ops.capture.camera import Camera, Intrinsics
+from mattgs_ops.capture.scene import Scene, SparsePoints, View
 
 Row = dict[str, Any]
 SIZE = (96, 72)  # width, height
@@ -276,7 +276,7 @@ def pictured(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Row], Path]
 @pytest.fixture(scope="session")
 def built(pictured: tuple[list[Row], Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Build the report of ``pictured`` once; the path of its page."""
-    from reports.build import build
+    from reports.page.build import build
 
     rows, root = pictured
     out = tmp_path_factory.mktemp("report")

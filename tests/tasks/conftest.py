@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 import torch
 
-from mattgs_ops.camera import Camera, Intrinsics
+from mattgs_ops.capture.camera import Camera, Intrinsics
+from mattgs_ops.capture.scene import Scene, SparsePoints, View
 from mattgs_ops.config import BenchmarkConfig, RunConfig
-from mattgs_ops.scene import Scene, SparsePoints, View
 from mattgs_ops.splat.gaussians import Splats
 from mattgs_ops.splat.rasterize import render
-from mattgs_ops.store import Store, stage_key
-from tasks.stage import Artifact, Place
+from mattgs_ops.store.store import Store, stage_key
+from tasks.stages.stage import Artifact, Place
 
 SIZE, VIEWS, POINTS = 40, 9, 200
 

@@ -1,7 +1,7 @@
 """Stages as Prefect sees them."""
 
 from tasks import prefect_tasks
-from tasks.stage import Cell
+from tasks.stages.stage import Cell
 
 
 def test_a_run_has_its_name_before_it_starts_and_when_it_has() -> None:

@@ -8,7 +8,7 @@ import pytest
 from mattgs_ops.config import BenchmarkConfig
 from mattgs_ops.method import METHODS, MethodConfig
 from tasks.row import config_digest, settings
-from tasks.stage import Cell
+from tasks.stages.stage import Cell
 
 CELL = Cell("rover", "nobg-ours", 0)
 

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from mattgs_ops.segment.network import SaliencyNetwork
-from mattgs_ops.segment.train_config import SegmentTrainConfig, StageConfig
-from tasks.registry_training import EXPERIMENT
+from mattgs_ops.segment.network.saliency import SaliencyNetwork
+from mattgs_ops.segment.network.train_config import SegmentTrainConfig, StageConfig
+from tasks.registry.segmenter_training import EXPERIMENT
 from tasks.train_segmenter import train_segmenter
 
 

@@ -13,10 +13,10 @@ import pytest
 
 from flows.grid import cells
 from mattgs_ops.config import BenchmarkConfig
-from mattgs_ops.store import stage_key
+from mattgs_ops.store.store import stage_key
 from tasks import agree, evaluate, measure, prepare, segment, sfm, train
 from tasks.row import Outcome
-from tasks.stage import Artifact, Place, Stage, code_versions
+from tasks.stages.stage import Artifact, Place, Stage, code_versions
 
 MODULES = (prepare, segment, sfm, agree, train, evaluate, measure)
 Keys = Mapping[str, str]  # title of a stage → its key

@@ -9,14 +9,14 @@ import pytest
 import torch
 from torch import Tensor, nn
 
+from mattgs_ops.capture.masks import quality
+from mattgs_ops.capture.scene import PreparedCapture, View
 from mattgs_ops.config import SegmentConfig
 from mattgs_ops.errors import InputError, StageError
-from mattgs_ops.masks import quality
-from mattgs_ops.scene import PreparedCapture, View
 from mattgs_ops.segment.infer import segment
-from mattgs_ops.segment.network import BUNDLED_MODEL, SaliencyNetwork, stretched
-from mattgs_ops.segment.preprocess import IMAGENET_DEVIATION, IMAGENET_MEAN, network_input
-from mattgs_ops.segment.report import MaskReport, flags_of
+from mattgs_ops.segment.mask_report import MaskReport, flags_of
+from mattgs_ops.segment.network.preprocess import IMAGENET_DEVIATION, IMAGENET_MEAN, network_input
+from mattgs_ops.segment.network.saliency import BUNDLED_MODEL, SaliencyNetwork, stretched
 
 WIDTH, HEIGHT = 96, 72
 
@@ -227,8 +227,8 @@ def test_flags() -> None:
 
 @pytest.mark.skipif(not BUNDLED_MODEL.is_file(), reason="built without the trained model")
 def test_the_bundled_model_finds_a_thing_on_a_desk() -> None:
-    from mattgs_ops.segment.composites import Composites
-    from mattgs_ops.segment.textures import Bank
+    from mattgs_ops.segment.training_images.composites import Composites
+    from mattgs_ops.segment.training_images.textures import Bank
 
     source, scores = Composites(99, 192, Bank(99, per_maker=1)), []
     network = SaliencyNetwork(BUNDLED_MODEL)

@@ -11,9 +11,9 @@ import pytest
 from numpy.typing import NDArray
 
 from mattgs_ops import sfm
-from mattgs_ops.camera import Camera, Intrinsics
+from mattgs_ops.capture.camera import Camera, Intrinsics
+from mattgs_ops.capture.scene import PreparedCapture, Scene, View
 from mattgs_ops.config import SfmConfig
-from mattgs_ops.scene import PreparedCapture, Scene, View
 
 VIEWS, WIDTH, HEIGHT, FOCAL = 9, 240, 180, 260.0
 HALF = np.array([0.5, 0.4, 0.35])  # the box's half extents; it stands on the table z = 0

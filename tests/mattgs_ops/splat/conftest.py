@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import torch
 
-from mattgs_ops.camera import Camera, Intrinsics
-from mattgs_ops.scene import Scene, SparsePoints, View
+from mattgs_ops.capture.camera import Camera, Intrinsics
+from mattgs_ops.capture.scene import Scene, SparsePoints, View
 from mattgs_ops.splat.gaussians import Splats
 from mattgs_ops.splat.rasterize import render
 

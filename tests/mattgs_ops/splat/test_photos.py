@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
+from mattgs_ops.capture.scene import Scene, View
 from mattgs_ops.errors import InputError
-from mattgs_ops.scene import Scene, View
 from mattgs_ops.splat.photos import load_view, recolour, size_at, store_views
 
 

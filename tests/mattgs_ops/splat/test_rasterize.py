@@ -8,7 +8,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mattgs_ops.camera import Camera, Intrinsics
+from mattgs_ops.capture.camera import Camera, Intrinsics
 from mattgs_ops.errors import InputError
 from mattgs_ops.splat import _engine
 from mattgs_ops.splat.gaussians import SHAPES, Splats

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mattgs_ops import stopwatch
-from mattgs_ops.camera import Camera
+from mattgs_ops.capture.camera import Camera
 from mattgs_ops.splat import render as render_module
 from mattgs_ops.splat.gaussians import Splats
 from mattgs_ops.splat.rasterize import Rendering, render
 from mattgs_ops.splat.render import render_view, time_views
+from mattgs_ops.timing import stopwatch
 
 MakeSplats = Callable[[int, int], Splats]
 MakeCameras = Callable[..., list[Camera]]

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 import mattgs_ops
-from mattgs_ops.camera import Camera, Intrinsics, from_opengl
+from mattgs_ops.capture.camera import Camera, Intrinsics, from_opengl
 from mattgs_ops.config import BUNDLED
 from mattgs_ops.synthetic.contact_sheet import contact_sheet
 

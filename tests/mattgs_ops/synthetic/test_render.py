@@ -9,12 +9,14 @@ import pytest
 pytest.importorskip("mitsuba", reason="the `captures` extra is not installed")
 
 from mattgs_ops.errors import InputError
-from mattgs_ops.synthetic import cameras, clutter, parts
-from mattgs_ops.synthetic.desk import Layout, Occupancy, scatter
-from mattgs_ops.synthetic.item import Item
-from mattgs_ops.synthetic.materials import Part, Stage, plain, pose
-from mattgs_ops.synthetic.mesh import box, quad
+from mattgs_ops.synthetic import cameras
+from mattgs_ops.synthetic.objects import parts
 from mattgs_ops.synthetic.render import develop, photograph, render_capture
+from mattgs_ops.synthetic.surfaces.materials import Part, Stage, plain, pose
+from mattgs_ops.synthetic.surfaces.mesh import box, quad
+from mattgs_ops.synthetic.surroundings import clutter
+from mattgs_ops.synthetic.surroundings.desk import Layout, Occupancy, scatter
+from mattgs_ops.synthetic.surroundings.item import Item
 from mattgs_ops.synthetic.tracer import Layers, Tracer, choose_variant, room_light
 
 WIDTH, HEIGHT = 64, 48

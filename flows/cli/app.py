@@ -1,0 +1,248 @@
+"""``mattgs``: the command line. Light at the top: every command imports what it needs itself."""
+
+import errno
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from flows.cli import gate, operate, results
+from mattgs_ops.errors import InputError, MattgsError
+
+EXIT_FAILED, EXIT_INPUT, EXIT_EXPERIMENTS, EXIT_INTERRUPTED = 1, 2, 3, 130
+DEFAULT_OUT = Path("mattgs-out")
+
+app = typer.Typer(
+    help="Benchmark masked, attention-weighted 3D Gaussian Splatting against plain 3DGS on a CPU.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+Out = Annotated[Path, typer.Option("--out", help="Folder for everything that is produced.")]
+
+
+@app.command()
+def run(
+    config: Annotated[
+        Path | None, typer.Option(help="Benchmark as a TOML file; other options override it.")
+    ] = None,
+    photos: Annotated[
+        Path | None, typer.Option(help="A folder of photos of one object, from all sides.")
+    ] = None,
+    capture: Annotated[
+        Path | None,
+        typer.Option(help="A COLMAP project or a folder with nerfstudio's transforms.json."),
+    ] = None,
+    captures: Annotated[
+        str | None, typer.Option(help="Bundled captures, for example rover,hexapod.")
+    ] = None,
+    masks: Annotated[
+        Path | None, typer.Option(help="Your own masks for the photos, 255 = object.")
+    ] = None,
+    name: Annotated[
+        str | None, typer.Option(help="Name of the benchmark, and of your capture.")
+    ] = None,
+    conditions: Annotated[
+        str | None, typer.Option(help="For example original-3dgs,nobg-ours.")
+    ] = None,
+    seeds: Annotated[str | None, typer.Option(help="For example 0,1,2.")] = None,
+    iterations: Annotated[int | None, typer.Option(help="Training steps.")] = None,
+    resolution: Annotated[
+        int | None, typer.Option(help="Longest side of training views, in pixels.")
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(help="Stages at a time; by default one per core.")
+    ] = None,
+    threads: Annotated[int | None, typer.Option(help="Threads of one training.")] = None,
+    dask_scheduler: Annotated[
+        str | None, typer.Option(help="Use this Dask scheduler, tcp://HOST:PORT.")
+    ] = None,
+    store: Annotated[
+        str | None, typer.Option(help="Share finished stages there: s3://BUCKET/FOLDER, file://…")
+    ] = None,
+    out: Out = DEFAULT_OUT,
+) -> None:
+    """Run a benchmark: photos in, tables out.
+
+    Without options: the bundled captures at a quick setting. What was finished before is not
+    repeated, and a run that was interrupted goes on where it was.
+
+    Exit codes: 0 all finished, 2 the input cannot be used, 3 experiments failed (the report says
+    why), 130 interrupted.
+    """
+    from flows.cli import options
+    from flows.cli.run import run_benchmark
+
+    merged = options.benchmark_config(
+        config,
+        {
+            "photos": photos,
+            "capture": capture,
+            "captures": options.words(captures),
+            "masks": masks,
+            "name": name,
+            "conditions": options.words(conditions),
+            "seeds": options.numbers(seeds, "--seeds"),
+            "iterations": iterations,
+            "resolution": resolution,
+            "workers": workers,
+            "threads": threads,
+            "dask_scheduler": dask_scheduler,
+            "store": store,
+        },
+    )
+    if not run_benchmark(merged, out.resolve()):
+        raise typer.Exit(EXIT_EXPERIMENTS)
+
+
+@app.command()
+def report(
+    what: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="BENCHMARK_OR_ROWS...",
+            help="Name of a benchmark that was run; or rows.json files that are parts of one.",
+        ),
+    ],
+    config: Annotated[
+        Path | None,
+        typer.Option(
+            help="With rows files: the benchmark's TOML file. The report then says what of its "
+            "grid is missing."
+        ),
+    ] = None,
+    paper_values: Annotated[
+        Path | None, typer.Option(help="The paper's own values as a TOML file, to print beside.")
+    ] = None,
+    out: Out = DEFAULT_OUT,
+) -> None:
+    """Build a benchmark's report again: from what MLflow holds, or from files of rows.
+
+    Rows files may come from several runs and machines; what does not belong together is refused.
+    """
+    if any(name.endswith(".json") for name in what):
+        from flows.results.compile_report import compile_report
+
+        files = [Path(name) for name in what]
+        made = compile_report(files, out.resolve(), config, paper_values)
+    else:
+        from flows.results.rebuild import rebuild_report
+
+        if len(what) > 1 or config is not None:
+            raise InputError(
+                "report: expected the name of one benchmark, or rows.json files (with --config)"
+            )
+        made = rebuild_report(what[0], out.resolve(), paper_values)
+    typer.echo(f"Report: {made}")
+
+
+@app.command()
+def status(
+    benchmark: Annotated[str | None, typer.Argument(help="Name; by default all.")] = None,
+    out: Out = DEFAULT_OUT,
+) -> None:
+    """Show what every stage of a benchmark is doing, or how it ended."""
+    from flows.cli.status import show
+
+    show(out.resolve(), benchmark)
+
+
+@app.command()
+def ui(
+    out: Out = DEFAULT_OUT,
+    port: Annotated[int, typer.Option(help="Port on this machine.")] = 5000,
+) -> None:
+    """Look at all runs in MLflow's web interface, until Ctrl-C."""
+    from flows.services.mlflow_ui import serve
+
+    serve(out.resolve(), port)
+
+
+gate.register(app)
+operate.register(app)
+results.register(app)
+
+captures_app = typer.Typer(help="Captures that come with the project.", no_args_is_help=True)
+app.add_typer(captures_app, name="captures")
+
+
+@captures_app.command("render")
+def render(
+    name: Annotated[str, typer.Argument(help="rover, hexapod, lattepanda or desk_extra.")],
+    out: Annotated[Path, typer.Option(help="Folder to make.")],
+    views: Annotated[int, typer.Option(help="Number of photos.")] = 48,
+    resolution: Annotated[str, typer.Option(help="WIDTHxHEIGHT in pixels.")] = "640x480",
+    samples: Annotated[int | None, typer.Option(help="Per pixel; more is less noisy.")] = None,
+    seed: Annotated[int, typer.Option(help="Another seed, another desk and walk.")] = 0,
+) -> None:
+    """Render a bundled capture anew, photos, masks and cameras (needs the extra `captures`)."""
+    from flows.cli.options import size
+    from flows.cli.terminal import bar
+    from mattgs_ops.synthetic import render as rendering
+
+    width, height = size(resolution, "--resolution")
+    with bar(f"render {name}") as progress:
+        rendering.render_capture(
+            name,
+            out,
+            views=views,
+            width=width,
+            height=height,
+            samples=rendering.SAMPLES if samples is None else samples,
+            seed=seed,
+            progress=progress,
+        )
+    typer.echo(f"Capture: {out.resolve()}")
+
+
+segment_app = typer.Typer(help="The network that cuts objects out.", no_args_is_help=True)
+app.add_typer(segment_app, name="segment")
+
+
+@segment_app.command("train")
+def train_segmenter(
+    folder: Annotated[Path, typer.Argument(help="Folder for weights, curve and ONNX file.")],
+    config: Annotated[Path | None, typer.Option(help="Training as a TOML file.")] = None,
+    out: Out = DEFAULT_OUT,
+) -> None:
+    """Train U²-Net, with its curve in MLflow, and export it to ONNX.
+
+    An interrupted training goes on from its checkpoint. `segment.model` takes the ONNX file.
+    """
+    from flows.cli.terminal import bar
+    from flows.services import embedded
+    from mattgs_ops.segment.network.train_config import SegmentTrainConfig, load_train_config
+    from tasks.train_segmenter import train_segmenter as train
+
+    settings = SegmentTrainConfig() if config is None else load_train_config(config)
+    embedded.quieten(out)
+    with bar("train U²-Net") as progress:
+        onnx = train(settings, folder, embedded.tracking_uri(out), out, progress=progress)
+    typer.echo(f"Segmenter: {onnx.resolve()}")
+
+
+def main() -> None:
+    """Entry of ``mattgs``: errors a person can act on, without tracebacks."""
+    try:
+        app()
+    except InputError as error:
+        sys.stderr.write(f"mattgs: {error}\n")
+        sys.exit(EXIT_INPUT)
+    except MattgsError as error:
+        sys.stderr.write(f"mattgs: {error}\n")
+        sys.exit(EXIT_FAILED)
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+            raise
+        sys.stderr.write(f"mattgs: {error}: make room; the same command goes on from here\n")
+        sys.exit(EXIT_FAILED)
+    except SystemExit as ended:
+        if ended.code == EXIT_INTERRUPTED:  # what Typer makes of Ctrl-C, without a word
+            sys.stderr.write("mattgs: interrupted; the same command goes on from here\n")
+        raise
+
+
+if __name__ == "__main__":
+    main()

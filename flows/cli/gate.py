@@ -1,0 +1,119 @@
+"""``mattgs gate`` and ``mattgs baseline``. Registered by ``cli.py``; light at the top like it."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from mattgs_ops.errors import InputError, StageError
+from reports.gate.tolerances import Doubt
+
+DEFAULT_OUT = Path("mattgs-out")
+DEFAULT_BENCHMARK = "quick"
+
+Out = Annotated[Path, typer.Option("--out", help="Folder for everything that is produced.")]
+Config = Annotated[
+    Path | None, typer.Option(help="Benchmark as a TOML file; it is run first, then judged.")
+]
+Benchmark = Annotated[
+    str | None,
+    typer.Option(help=f"Name of a benchmark that was run; by default {DEFAULT_BENCHMARK}."),
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add both commands to ``app``."""
+    app.command()(gate)
+    app.command()(baseline)
+
+
+def gate(
+    against: Annotated[
+        str | None,
+        typer.Option(
+            "--baseline",
+            metavar="FILE_OR_ALIAS",
+            help="A baseline's file, the name of a committed one, or an alias in the registry.",
+        ),
+    ] = None,
+    benchmark: Benchmark = None,
+    config: Config = None,
+    self_check: Annotated[
+        bool,
+        typer.Option(
+            "--self-check", help="Run the same code twice and say how often the gate errs."
+        ),
+    ] = False,
+    comparisons: Annotated[
+        int, typer.Option(min=1, help="Resampled comparisons of the self-check.")
+    ] = 200,
+    doubt: Annotated[
+        Doubt,
+        typer.Option(
+            help="Inconclusive numbers that cannot be judged: all, those that look like a loss "
+            "beyond their margin, or none."
+        ),
+    ] = Doubt.MARGIN,
+    out: Out = DEFAULT_OUT,
+) -> None:
+    """Compare a benchmark with a baseline; for CI.
+
+    Exit codes: 0 pass; 1 regression: a number is worse; 2 cannot judge: a number is not comparable
+    or in doubt, or the input cannot be used; 3 failed runs. With --self-check: 0 the gate may be
+    trusted on such runs, 1 it may not, 2 the input cannot be used, 3 failed runs.
+    """
+    if self_check:
+        if against is not None or benchmark is not None:
+            raise InputError("--self-check: goes with --config only; it compares runs of its own")
+        from flows.gate_self_check import check
+
+        text, code = check(config, out.resolve(), comparisons)
+    elif against is None:
+        raise InputError("--baseline: expected a file, a name or an alias (or --self-check)")
+    else:
+        from flows import gate as judge
+        from reports.gate.findings import Exit
+
+        try:
+            name = _named(benchmark, config, out)
+        except StageError as error:  # nothing ran, so nothing can be judged: 1 is for regressions
+            typer.echo(f"mattgs: {error}", err=True)
+            raise typer.Exit(Exit.CANNOT_JUDGE) from error
+        text, code = judge.judge(out.resolve(), name, against, doubt=doubt)
+    typer.echo(text)
+    raise typer.Exit(code)
+
+
+def baseline(
+    file: Annotated[Path, typer.Argument(help="JSON file to write.")],
+    benchmark: Benchmark = None,
+    config: Config = None,
+    again: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="Rows (rows.json) of another run of the same code; repeat for more. How they "
+            "differ becomes the baseline's noise. Without them a file that is there keeps its own."
+        ),
+    ] = None,
+    out: Out = DEFAULT_OUT,
+) -> None:
+    """Make a baseline of a benchmark's rows, for the gate."""
+    from flows import gate as judge
+
+    name = _named(benchmark, config, out)
+    made = judge.make_baseline(out.resolve(), name, file, again or [])
+    typer.echo(f"Baseline: {made.resolve()}")
+
+
+def _named(benchmark: str | None, config: Path | None, out: Path) -> str:
+    """Return the benchmark to look at; with ``config`` it is run before."""
+    if config is None:
+        return benchmark or DEFAULT_BENCHMARK
+    if benchmark is not None:
+        raise InputError("--benchmark and --config: give one of them")
+    from flows.cli.run import run_benchmark
+    from mattgs_ops.config import load_toml
+
+    settings = load_toml(config)
+    run_benchmark(settings, out.resolve())  # failed experiments are rows, and judged as such
+    return settings.name

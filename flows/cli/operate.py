@@ -1,0 +1,53 @@
+"""Commands for those who keep it running: ``mattgs clean`` and ``mattgs serve``.
+
+Light at the top, as ``flows/cli/app.py``, which registers them.
+"""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+Out = Annotated[Path, typer.Option("--out", help="Folder for everything that is produced.")]
+DEFAULT_OUT = Path("mattgs-out")
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the command line."""
+    app.command()(clean)
+    app.command()(serve)
+
+
+def clean(
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Only say what would be removed.")
+    ] = False,
+    unused_for: Annotated[
+        float, typer.Option(help="Spare what was used within so many hours.", min=0)
+    ] = 0.0,
+    out: Out = DEFAULT_OUT,
+) -> None:
+    """Remove stored stages that no run refers to, left work folders and idle locks.
+
+    What a running benchmark uses stays. An interrupted benchmark that is not to be gone on with
+    loses its unfinished work.
+    """
+    from flows.clean import clean_up
+
+    typer.echo(clean_up(out.resolve(), unused_hours=unused_for, dry_run=dry_run))
+
+
+def serve(
+    schedules: Annotated[
+        list[str] | None, typer.Argument(help="For example grid/nightly; by default all.")
+    ] = None,
+    port: Annotated[int, typer.Option(help="Port of the Prefect server on this machine.")] = 4200,
+    out: Out = DEFAULT_OUT,
+) -> None:
+    """Run the nightly and weekly grids and the gate when they are due, until Ctrl-C.
+
+    Starts a Prefect server with its web interface, unless PREFECT_API_URL names one.
+    """
+    from flows.services import serve as serving
+
+    serving.serve(out.resolve(), port, schedules or [])

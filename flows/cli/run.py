@@ -1,0 +1,93 @@
+"""One benchmark from the command line: captures checked, services up, flow, tables, report."""
+
+import time
+from pathlib import Path
+
+from rich.console import Console
+
+from flows.cli import terminal
+from flows.grid import stages
+from flows.services import embedded
+from flows.services.embedded import Services
+from mattgs_ops.config import BenchmarkConfig
+from mattgs_ops.errors import InputError
+from mattgs_ops.store.cleaning import in_use
+from mattgs_ops.store.remote import RemoteStore
+from mattgs_ops.store.store import Store
+from tasks.prepare import prepare
+from tasks.stages import status
+from tasks.stages.stage import Place, slug
+
+
+def run_benchmark(config: BenchmarkConfig, out: Path) -> bool:
+    """Run a benchmark and print its tables; return whether every experiment finished.
+
+    Captures are prepared before anything is started. Raises :class:`InputError` that lists all
+    that is wrong with them when none of them can be used.
+    """
+    began = time.monotonic()
+    console = Console(soft_wrap=True)
+    out.mkdir(parents=True, exist_ok=True)
+    embedded.quieten(out)
+    place = Place(out, config.name, config.run)
+    if config.run.store is not None:
+        RemoteStore(config.run.store).check()
+    count = _plan(place, config)
+    with in_use(Store(place.store)), embedded.Starting(out, config.run) as starting:
+        with terminal.watch(place.status, count, console):
+            _prepare_all(place, config)
+            report, complete = _run_flow(config, out, starting.ready())
+        _print_end(place, report, console, time.monotonic() - began)
+    return complete
+
+
+def _plan(place: Place, config: BenchmarkConfig) -> int:
+    """Write the status of every stage of the grid, none begun; return their number."""
+    for old in place.status.glob("*.json"):
+        old.unlink()
+    planned = list(stages(config))
+    for kind, title in planned:
+        status.StatusFile(place.status / f"{slug(title)}.json").plan(title, kind)
+    return len(planned)
+
+
+def _prepare_all(place: Place, config: BenchmarkConfig) -> None:
+    """Prepare every capture; raises one :class:`InputError` when none can be used.
+
+    One that cannot, among others, is told at once too, as a stage that failed; the flow makes rows
+    of it that say why.
+    """
+    problems = []
+    for capture in config.captures:
+        try:
+            prepare(place, capture, config)
+        except InputError as error:
+            problems.append(str(error))
+    if len(problems) == len(config.captures):
+        raise InputError("\n".join(problems))
+
+
+def _run_flow(config: BenchmarkConfig, out: Path, services: Services) -> tuple[Path, bool]:
+    """Run the flow; return its report and whether all experiments finished."""
+    from prefect_dask import DaskTaskRunner
+
+    from flows.benchmark import ExperimentsFailedError, benchmark
+
+    runner = DaskTaskRunner(address=services.dask_scheduler)
+    try:
+        report = benchmark.with_options(task_runner=runner)(config, out, services.tracking_uri)
+    except ExperimentsFailedError as failed:
+        return failed.report, False
+    return report, True
+
+
+def _print_end(place: Place, report: Path, console: Console, seconds: float) -> None:
+    from reports.rows.schema import read_rows
+    from reports.tables.tables import terminal as tables
+
+    console.print()
+    console.print(tables(read_rows(report.parent / "rows.json")), markup=False, highlight=False)
+    stages = status.read_all(place.status)
+    console.print(terminal.stage_times(stages, seconds), markup=False, highlight=False)
+    console.print(f"Runs: mattgs ui --out {place.out}", markup=False, highlight=False)
+    console.print(f"Report: {report.resolve()}", markup=False, highlight=False)

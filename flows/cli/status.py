@@ -1,0 +1,107 @@
+"""``mattgs status``: per experiment, what each of its stages is doing, or how it ended."""
+
+import time
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from flows.cli.terminal import MARKS, duration
+from mattgs_ops.errors import InputError
+from tasks.stages import status
+from tasks.stages.status import State, Status
+
+# An experiment is what the first of these says that holds for one of its stages.
+FIRST: tuple[State, ...] = ("failed", "interrupted", "running")
+STYLES: dict[State, str] = {
+    "done": "green",
+    "cached": "green",
+    "running": "yellow",
+    "interrupted": "red",
+    "failed": "red",
+}
+OF_A_CAPTURE = ("prepare", "segment", "sfm", "agree")
+OF_AN_EXPERIMENT = ("train", "evaluate")
+SPEED = "measure"  # once per capture, last
+NARROWEST = 100  # columns, where no terminal says how wide it is
+
+
+@dataclass(frozen=True)
+class Progress:
+    """One experiment: its name, and the status of its stages by their kind."""
+
+    name: str
+    stages: dict[str, Status]
+
+    @property
+    def state(self) -> State:
+        """How the whole experiment stands."""
+        found = [stage.state for stage in self.stages.values()]
+        for state in FIRST:
+            if state in found:
+                return state
+        if "waiting" in found:
+            return "waiting" if found.count("waiting") == len(found) else "running"
+        return "cached" if set(found) == {"cached"} else "done"
+
+
+def show(out: Path, benchmark: str | None) -> None:
+    """Print one table per benchmark; raises :class:`InputError` when there is nothing to show."""
+    folder = out / "status"
+    known = sorted(path.name for path in folder.glob("*") if path.is_dir())
+    if not known or (benchmark is not None and benchmark not in known):
+        asked = "any benchmark" if benchmark is None else f"benchmark {benchmark!r}"
+        raise InputError(f"{out}: nothing known of {asked}; known: {', '.join(known) or 'none'}")
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=max(console.width, NARROWEST))
+    for name in known if benchmark is None else [benchmark]:
+        _print(name, experiments(status.read_all(folder / name)), console)
+
+
+def experiments(stages: list[Status]) -> list[Progress]:
+    """Sort stages to the experiments that need them; those of a capture count for each."""
+    by_title = {stage.title: stage for stage in stages}
+    found = []
+    for stage in sorted(stages, key=lambda stage: stage.title):
+        if stage.stage != "train":
+            continue
+        name = stage.title.removeprefix("train ")
+        capture = name.partition(" ")[0]
+        titles = {kind: f"{kind} {capture}" for kind in (*OF_A_CAPTURE, SPEED)}
+        titles |= {kind: f"{kind} {name}" for kind in OF_AN_EXPERIMENT}
+        order = (*OF_A_CAPTURE, *OF_AN_EXPERIMENT, SPEED)
+        mine = {kind: by_title[titles[kind]] for kind in order if titles[kind] in by_title}
+        found.append(Progress(name, mine))
+    return found
+
+
+def _print(name: str, found: list[Progress], console: Console) -> None:
+    counts = Counter(one.state for one in found)
+    told = ", ".join(f"{counts[state]} {state}" for state in sorted(counts))
+    title = f"Benchmark {name}: {len(found)} experiments: {told}"
+    kinds = list(dict.fromkeys(kind for one in found for kind in one.stages))
+    table = Table(title=title, title_justify="left")
+    for heading in ("Experiment", "State", *kinds):
+        table.add_column(heading)
+    for one in found:
+        cells = [_cell(one.stages.get(kind)) for kind in kinds]
+        table.add_row(one.name, one.state, *cells, style=STYLES.get(one.state))
+    console.print(table)
+    notes = {s.title: s.note for one in found for s in one.stages.values() if s.state == "failed"}
+    for stage, note in notes.items():
+        console.print(f"{MARKS['failed']} {stage}: {note}", style="red", markup=False)
+
+
+def _cell(stage: Status | None) -> str:
+    """Say in a word how a stage stands."""
+    if stage is None or stage.state == "waiting":
+        return ""
+    if stage.state == "running":
+        share = f"{100 * stage.done // stage.total} % " if stage.total else ""
+        return f"{share}{duration(time.time() - stage.started)} …"
+    if stage.state in ("cached", "failed", "interrupted"):
+        return stage.state
+    return duration(stage.seconds)

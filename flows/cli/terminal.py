@@ -1,0 +1,187 @@
+"""What the person at the terminal sees while a benchmark runs.
+
+Reads the status files (``tasks/stages/status.py``) a few times a second. On a terminal: one bar
+for the whole benchmark and one for each running stage. Elsewhere (a log file, CI): a line when a
+stage ends and a line about what is running every :data:`LINE_SECONDS`.
+"""
+
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+)
+
+from mattgs_ops.progress import Progress as Report
+from tasks.stages import status
+from tasks.stages.status import Status
+
+REFRESH_SECONDS = 0.5
+LINE_SECONDS = 15.0
+MARKS = {"done": "✓", "cached": "=", "failed": "✗"}
+
+
+@contextmanager
+def watch(folder: Path, total: int, console: Console) -> Iterator[None]:
+    """Show what happens below the status folder until the block ends.
+
+    ``total`` is the number of stages that the benchmark has.
+    """
+    view: _Bars | _Lines = _Bars(console, total) if console.is_terminal else _Lines(console, total)
+    ended = threading.Event()
+
+    def follow() -> None:
+        while not ended.wait(REFRESH_SECONDS):
+            view.show(status.read_all(folder))
+
+    thread = threading.Thread(target=follow, daemon=True)
+    with view:
+        thread.start()
+        try:
+            yield
+        finally:
+            ended.set()
+            thread.join()
+            view.show(status.read_all(folder))
+
+
+def sentence(one: Status) -> str:
+    """Say how a stage ended: ``✓ train rover nobg-ours seed 0 (2m 05s)``."""
+    tail = {"cached": "already done", "failed": one.note}.get(one.state) or duration(one.seconds)
+    return f"{MARKS[one.state]} {one.title} ({tail})"
+
+
+def duration(seconds: float) -> str:
+    """Write seconds as people do: ``8s``, ``2m 05s``, ``3h 07m``."""
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole}s"
+    if whole < 3600:
+        return f"{whole // 60}m {whole % 60:02d}s"
+    return f"{whole // 3600}h {whole % 3600 // 60:02d}m"
+
+
+def stage_times(stages: list[Status], seconds: float) -> str:
+    """Say what each kind of stage took, one line each, and the wall time of it all."""
+    stages = [stage for stage in stages if stage.state != "waiting"]
+    lines = [f"{'stage':<10}{'runs':>6}{'cached':>8}{'failed':>8}{'time':>10}"]
+    for name in dict.fromkeys(s.stage for s in stages):
+        mine = [s for s in stages if s.stage == name]
+        counts = [sum(s.state == state for s in mine) for state in ("done", "cached", "failed")]
+        took = duration(sum(s.seconds for s in mine))
+        lines.append(f"{name:<10}{counts[0]:>6}{counts[1]:>8}{counts[2]:>8}{took:>10}")
+    lines.append(f"{'wall time':<32}{duration(seconds):>10}")
+    return "\n".join(lines)
+
+
+@contextmanager
+def bar(title: str) -> Iterator[Report]:
+    """Show one long operation; yields what it reports its progress to."""
+    console = Console(stderr=True)
+    with _progress_bar(console) as progress:
+        task = progress.add_task(title, total=None, note="")
+
+        def report(done: int, total: int, note: str) -> None:
+            progress.update(task, completed=done, total=total or None, note=note)
+
+        yield report
+
+
+class _News:
+    """Remembers which ends were told already."""
+
+    def __init__(self) -> None:
+        self._told: set[str] = set()
+
+    def of(self, stages: list[Status]) -> list[Status]:
+        ended = [s for s in stages if s.state in MARKS and s.title not in self._told]
+        self._told |= {s.title for s in ended}
+        return sorted(ended, key=lambda s: s.updated)
+
+
+class _Lines:
+    """Plain lines, few of them."""
+
+    def __init__(self, console: Console, total: int) -> None:
+        self._console = console
+        self._total = total
+        self._news = _News()
+        self._began = self._last = time.monotonic()
+
+    def __enter__(self) -> None:
+        """Nothing to set up."""
+
+    def __exit__(self, *_: object) -> None:
+        """Nothing to take down."""
+
+    def show(self, stages: list[Status]) -> None:
+        done = sum(s.state in MARKS for s in stages)
+        for one in self._news.of(stages):
+            self._print(f"{done:3d}/{self._total} {sentence(one)}")
+        if time.monotonic() - self._last >= LINE_SECONDS:
+            running = [_running(s) for s in stages if s.state == "running"]
+            if running:
+                self._print(f"{done:3d}/{self._total} … {'; '.join(running)}")
+            self._last = time.monotonic()
+
+    def _print(self, text: str) -> None:
+        since = duration(time.monotonic() - self._began)
+        self._console.print(f"[{since:>7}] {text}", markup=False, highlight=False, soft_wrap=True)
+
+
+def _running(one: Status) -> str:
+    share = f" {100 * one.done // one.total}%" if one.total else ""
+    return f"{one.title}{share}" + (f" ({one.note})" if one.note else "")
+
+
+def _progress_bar(console: Console) -> Progress:
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=24),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("{task.fields[note]}", style="dim"),
+        console=console,
+        transient=True,
+    )
+
+
+class _Bars:
+    """Progress bars; ends of stages scroll by above them."""
+
+    def __init__(self, console: Console, total: int) -> None:
+        self._progress = _progress_bar(console)
+        self._console = console
+        self._news = _News()
+        self._whole = self._progress.add_task("benchmark", total=total, note="")
+        self._bars: dict[str, TaskID] = {}
+
+    def __enter__(self) -> None:
+        self._progress.start()
+
+    def __exit__(self, *_: object) -> None:
+        self._progress.stop()
+
+    def show(self, stages: list[Status]) -> None:
+        for one in self._news.of(stages):
+            style = "red" if one.state == "failed" else None
+            self._console.print(sentence(one), style=style, markup=False, highlight=False)
+        self._progress.update(self._whole, completed=sum(s.state in MARKS for s in stages))
+        running = {s.title: s for s in stages if s.state == "running"}
+        for title in [t for t in self._bars if t not in running]:
+            self._progress.remove_task(self._bars.pop(title))
+        for title, one in running.items():
+            if title not in self._bars:
+                self._bars[title] = self._progress.add_task(title, total=None, note="")
+            total = one.total or None
+            bar = self._bars[title]
+            self._progress.update(bar, completed=one.done, total=total, note=one.note)

@@ -1,0 +1,75 @@
+"""Compare a recorded benchmark with a baseline, and make baselines of recorded benchmarks."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from mattgs_ops.errors import InputError
+from reports.gate import baseline, output, pictures
+from reports.gate.baseline import Baseline
+from reports.gate.compare import compare
+from reports.gate.tolerances import Doubt
+from reports.rows.schema import Row, read_rows
+
+
+def judge(
+    out: Path, benchmark: str, against: str, *, doubt: Doubt = Doubt.MARGIN
+) -> tuple[str, int]:
+    """Return what to print and what to exit with.
+
+    Writes ``gate.md``, ``.xml`` and ``.json``, and pictures of the views that lost most.
+    ``against`` is a baseline's path, the name of a committed one, or an alias in the registry.
+    Raises :class:`InputError` naming the file that cannot be used.
+    """
+    known = find_baseline(out, benchmark, against)
+    rows = recorded(out, benchmark)
+    report = compare(rows, known.rows, noise=known.noise, doubt=doubt)
+    folder = out / "benchmarks" / benchmark / "gate"
+    for old in folder.glob("gate-*.png"):
+        old.unlink()
+    store = out / "store"
+    shown = pictures.draw(report, rows, store, folder, baseline=known.rows, baseline_root=store)
+    output.write(report, folder, shown)
+    return f"{output.terminal(report)}\nGate: {folder}", report.exit_code
+
+
+def find_baseline(out: Path, benchmark: str, against: str) -> Baseline:
+    """Return the baseline of a file or committed name, else of an alias in the registry.
+
+    The rows of an alias are those of the benchmark's runs that ``mattgs promote`` gave it to.
+    Raises :class:`InputError` naming what was looked for.
+    """
+    if Path(against).suffix or Path(against).is_file() or baseline.committed(against):
+        return baseline.load(against)
+    from flows.services.embedded import tracking_uri
+    from tasks.registry import promotion
+
+    rows = promotion.aliased_rows(tracking_uri(out), benchmark, against)
+    if not rows:
+        raise InputError(
+            f"{against}: expected a baseline's file, the name of a committed one, or an alias that "
+            f"runs of the benchmark {benchmark!r} were promoted to; found none"
+        )
+    return baseline.make(rows, f"{benchmark}@{against}")
+
+
+def make_baseline(out: Path, benchmark: str, file: Path, again: Sequence[Path] = ()) -> Path:
+    """Write a recorded benchmark's rows as a baseline; returns the file's path.
+
+    Its noise is measured between these rows and those of ``again``, runs of the same code; without
+    them a baseline of the same benchmark that is replaced hands on its own.
+    """
+    rows = recorded(out, benchmark)
+    if again:
+        noise = baseline.measured_noise([rows, *(read_rows(path) for path in again)])
+    else:
+        noise = baseline.kept_noise(file, benchmark)
+    baseline.make(rows, benchmark, noise).save(file)
+    return file
+
+
+def recorded(out: Path, benchmark: str) -> list[Row]:
+    """Return a benchmark's rows; raises :class:`InputError` when it was never run."""
+    path = out / "benchmarks" / benchmark / "rows.json"
+    if not path.is_file():
+        raise InputError(f"{path}: expected the rows of the benchmark {benchmark!r}, found none")
+    return read_rows(path)

@@ -1,0 +1,91 @@
+"""``mattgs serve``: all schedules from one process, with a Prefect server of its own if need be."""
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from flows.services import embedded
+from flows.services.prefect_server import START_SECONDS, healthy
+from mattgs_ops.errors import InputError, StageError
+
+POLL_SECONDS = 0.2
+
+
+def serve(out: Path, port: int, names: list[str]) -> None:
+    """Serve until Ctrl-C; raises :class:`InputError` for a schedule that does not exist.
+
+    Without ``PREFECT_API_URL`` a Prefect server is started on ``port``, its database below ``out``;
+    it ends with this process.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    embedded.quieten(out)
+    _check(names)
+    url = os.environ.get("PREFECT_API_URL")
+    if url is not None:
+        _serve(url, names, out)
+        return
+    with server(out, port) as own:
+        os.environ["PREFECT_API_URL"] = own
+        _serve(own, names, out)
+
+
+@contextmanager
+def server(out: Path, port: int) -> Iterator[str]:
+    """Start a complete Prefect server, scheduler and interface included; yield its API's address.
+
+    Unlike a benchmark's own it keeps its database: the past is there after a restart.
+    """
+    home, log = out / "prefect" / "served", out / "logs" / "prefect.log"
+    for folder in (home, log.parent):
+        folder.mkdir(parents=True, exist_ok=True)
+    url = f"http://127.0.0.1:{port}/api"
+    if healthy(url):
+        raise InputError(f"--port {port}: a server is there already; PREFECT_API_URL={url} uses it")
+    command = [sys.executable, "-m", "prefect", "server", "start"]
+    command += ["--host", "127.0.0.1", "--port", str(port)]
+    # the interface asks where it came from: any port, and another address when it is forwarded
+    environment = os.environ | {"PREFECT_HOME": str(home), "PREFECT_UI_API_URL": "/api"}
+    with log.open("ab") as output:
+        process = subprocess.Popen(command, stdout=output, stderr=output, env=environment)
+    try:
+        _wait(process, url, log)
+        yield url
+    finally:
+        process.terminate()
+        process.wait()
+
+
+def _wait(process: "subprocess.Popen[bytes]", url: str, log: Path) -> None:
+    end = time.monotonic() + START_SECONDS
+    while not healthy(url):
+        if time.monotonic() > end or process.poll() is not None:
+            raise StageError(f"the Prefect server did not start; log: {log}")
+        time.sleep(POLL_SECONDS)
+
+
+def _check(names: list[str]) -> None:
+    from flows.scheduled import SCHEDULES
+
+    known = [f"{s.flow.name}/{s.name}" for s in SCHEDULES]
+    for name in names:
+        if name not in known:
+            raise InputError(f"{name}: expected one of {', '.join(known)}")
+
+
+def _serve(url: str, names: list[str], out: Path) -> None:
+    from prefect.settings import PREFECT_API_URL, temporary_settings
+
+    from flows.scheduled import SCHEDULES, serve_all
+
+    sys.stdout.write(f"Prefect: {url.removesuffix('/api')} (Ctrl-C ends)\n")
+    for schedule in SCHEDULES:
+        name = f"{schedule.flow.name}/{schedule.name}"
+        if not names or name in names:
+            sys.stdout.write(f"  {name:<20} {schedule.cron or 'when asked for'}\n")
+    sys.stdout.flush()
+    with temporary_settings({PREFECT_API_URL: url}):
+        serve_all(frozenset(names), out)

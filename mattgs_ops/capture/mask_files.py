@@ -1,0 +1,106 @@
+"""Masks that come with photos: which file belongs to which photo, and whether it can be one.
+
+Naming: ``NAME.png`` where NAME is the photo's whole file name (``IMG_1.jpg.png``, COLMAP's habit)
+or the photo's stem (``IMG_1.png``), or a file called like the photo itself (``IMG_1.jpg``).
+Polarity: 255 = object, 0 = background; an upside-down set is recognised and refused.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from mattgs_ops.capture.photos import FORMATS, UNREADABLE, bit_depth
+from mattgs_ops.errors import InputError
+
+THRESHOLD = 128  # values from here on are object
+BORDER_SHARE = 0.05  # width of the frame's border that background is expected on
+INVERTED_BORDER = 0.5  # more than this share of the border white …
+INVERTED_CENTRE = 0.5  # … and less than this share of the middle third: looks upside down
+
+
+def find_mask(folder: Path, photo_name: str) -> Path:
+    """Return the mask of a photo in ``folder``; raises :class:`InputError` naming what to add."""
+    stem = Path(photo_name).stem
+    candidates = [f"{photo_name}.png", f"{stem}.png", photo_name]
+    for name in candidates:
+        if (folder / name).is_file():
+            return folder / name
+    raise InputError(
+        f"{folder}: no mask for {photo_name}; add {' or '.join(dict.fromkeys(candidates[:2]))}"
+    )
+
+
+def decode_mask(path: Path, size: tuple[int, int] | None = None) -> NDArray[np.uint8]:
+    """Decode a mask to 0 or 255, [H, W] uint8.
+
+    ``size`` is the photo's (width, height), which the mask must have. Raises :class:`InputError`
+    for masks that are unreadable, coloured, 16-bit, of another size, empty, or hold 0 and 1.
+    """
+    try:
+        with Image.open(path, formats=FORMATS) as image:
+            if bit_depth(path, image) > 8:
+                raise InputError(f"{path}: more than 8 bits per channel; save it with 8 bits")
+            values = _single_channel(path, image)
+    except UNREADABLE as error:
+        raise InputError(f"{path}: cannot be read as a mask ({error}); save it again") from error
+    found = (values.shape[1], values.shape[0])
+    if size is not None and found != size:
+        raise InputError(
+            f"{path}: the mask is {found[0]}x{found[1]}, its photo {size[0]}x{size[1]} when "
+            "upright; save the mask at the photo's size"
+        )
+    if 0 < int(values.max()) <= 1:
+        raise InputError(f"{path}: holds 0 and 1; expected 0 (background) and 255 (object)")
+    return binary(values, str(path))
+
+
+def binary(values: NDArray[np.uint8], where: str) -> NDArray[np.uint8]:
+    """Threshold alpha or a grey mask to 0 or 255; raises :class:`InputError` if it is empty."""
+    mask = np.where(values >= THRESHOLD, 255, 0).astype(np.uint8)
+    if not mask.any():
+        raise InputError(
+            f"{where}: the mask is empty; expected 255 on the object: mark it or remove the photo"
+        )
+    return mask
+
+
+def looks_inverted(mask: NDArray[np.uint8]) -> bool:
+    """Say whether the border is mostly object and the middle of the frame mostly background."""
+    height, width = mask.shape
+    band = max(1, round(BORDER_SHARE * min(height, width)))
+    inside = np.zeros(mask.shape, dtype=bool)
+    inside[band:-band, band:-band] = True
+    centre = mask[height // 3 : -(height // 3) or None, width // 3 : -(width // 3) or None]
+    border_white = float((mask[~inside] > 0).mean())
+    return border_white > INVERTED_BORDER and float((centre > 0).mean()) < INVERTED_CENTRE
+
+
+def polarity_problem(inverted: Mapping[str, bool]) -> str | None:
+    """Return what to say when most masks (name → looks inverted) are upside down, else None.
+
+    The set is judged as a whole: a single close-up may well fill its border.
+    """
+    names = sorted(name for name, flag in inverted.items() if flag)
+    if 2 * len(names) <= len(inverted):
+        return None
+    return (
+        f"{len(names)} of {len(inverted)} masks look inverted, for example {names[0]}: the border "
+        "is mostly white and the middle mostly black; expected 255 = object, 0 = background: "
+        "invert them"
+    )
+
+
+def _single_channel(path: Path, image: Image.Image) -> NDArray[np.uint8]:
+    if image.has_transparency_data:
+        raise InputError(
+            f"{path}: a mask with an alpha channel is ambiguous; save it as a grey 8-bit image"
+        )
+    if image.mode in ("1", "L"):
+        return np.asarray(image.convert("L"))
+    rgb = np.asarray(image.convert("RGB"))
+    if np.ptp(rgb, axis=2).max() > 0:
+        raise InputError(f"{path}: a coloured picture; expected a mask of 0 and 255")
+    return np.ascontiguousarray(rgb[..., 0])

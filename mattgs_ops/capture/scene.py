@@ -1,0 +1,173 @@
+"""The two folders that stages hand on: a prepared capture, and a scene ready for training.
+
+A **prepared capture** (written by ``captures.py``) holds upright 8-bit RGB photos, the split, and
+what came with them::
+
+    capture.json   photos/NAME.png   [masks/NAME.png]   [ids/NAME.png]
+
+A **scene** (written by ``sfm.py``) holds photos and masks without lens distortion, the pinhole
+cameras that were found, and the sparse points::
+
+    scene.json   photos/NAME.png   masks/NAME.png   [ids/NAME.png]   points.npz   sparse/0/*.bin
+
+Names are the photo's original file names (``IMG_1.jpg``), files on disk carry ``NAME.png`` after
+COLMAP's habit (``IMG_1.jpg.png``). Masks are 8-bit, 255 = object. Ids, which a renderer knows of
+its test views, are 8-bit: 1 screws, 2 wires, 3 print, 0 the rest.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mattgs_ops.capture.camera import Camera, Intrinsics
+from mattgs_ops.errors import InputError
+
+Split = Literal["train", "test"]
+SCHEMA = 1
+
+
+@dataclass(frozen=True)
+class View:
+    """One photo. ``photo``, ``mask`` and ``ids`` are absolute; ``camera`` is None when unknown."""
+
+    name: str
+    split: Split
+    width: int
+    height: int
+    photo: Path
+    mask: Path | None
+    camera: Camera | None
+    ids: Path | None = None
+
+
+@dataclass(frozen=True)
+class PreparedCapture:
+    """Photos as every later stage sees them; views sorted by name.
+
+    ``masks_are`` says whose masks they are: ``alpha`` or ``given`` come from the user and may be
+    used as they are, ``truth`` is a renderer's exact mask and serves to score other masks only,
+    ``none`` means that there are none. ``cameras_are`` likewise: ``given``, ``truth`` or ``none``.
+    """
+
+    name: str
+    folder: Path
+    views: tuple[View, ...]
+    masks_are: Literal["alpha", "given", "truth", "none"]
+    cameras_are: Literal["given", "truth", "none"]
+
+    def save(self) -> None:
+        """Write ``capture.json`` into ``folder``."""
+        extra = {"masks_are": self.masks_are, "cameras_are": self.cameras_are}
+        _write(self.folder / "capture.json", self.name, self.views, extra)
+
+    @classmethod
+    def load(cls, folder: Path) -> "PreparedCapture":
+        """Read a prepared capture; raises :class:`InputError` naming what is wrong."""
+        data, views = _read(folder, "capture.json")
+        return cls(data["name"], folder, views, data["masks_are"], data["cameras_are"])
+
+
+@dataclass(frozen=True)
+class SparsePoints:
+    """Triangulated points.
+
+    ``xyz`` [P, 3] float64, ``rgb`` [P, 3] uint8, ``object_share`` [P] float32: of the views that
+    see a point, the share in whose mask it lies; ``views_seen`` [P] int32.
+    """
+
+    xyz: NDArray[np.float64]
+    rgb: NDArray[np.uint8]
+    object_share: NDArray[np.float32]
+    views_seen: NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A capture with cameras; views sorted by name, unregistered ones have no camera."""
+
+    name: str
+    folder: Path
+    views: tuple[View, ...]
+    extra: Mapping[str, Any]  # what SfM reports: mode, counts, fallbacks, seconds
+
+    def save(self, points: SparsePoints) -> None:
+        """Write ``scene.json`` and ``points.npz`` into ``folder``."""
+        _write(self.folder / "scene.json", self.name, self.views, {"extra": dict(self.extra)})
+        np.savez(self.folder / "points.npz", **vars(points))
+
+    @classmethod
+    def load(cls, folder: Path) -> "Scene":
+        """Read a scene; raises :class:`InputError` naming what is wrong."""
+        data, views = _read(folder, "scene.json")
+        return cls(data["name"], folder, views, data["extra"])
+
+    def points(self) -> SparsePoints:
+        """Read the sparse points."""
+        with np.load(self.folder / "points.npz") as data:
+            return SparsePoints(**{key: data[key] for key in data.files})
+
+    def registered(self, split: Split) -> tuple[View, ...]:
+        """Return the views of a split that have a camera."""
+        return tuple(v for v in self.views if v.split == split and v.camera is not None)
+
+
+def _write(path: Path, name: str, views: tuple[View, ...], extra: Mapping[str, Any]) -> None:
+    rows = [_view_to_json(view, path.parent) for view in views]
+    document = {"schema": SCHEMA, "name": name, **extra, "views": rows}
+    path.write_text(json.dumps(document, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+
+
+def _read(folder: Path, file: str) -> tuple[dict[str, Any], tuple[View, ...]]:
+    path = folder / file
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, json.JSONDecodeError) as error:
+        raise InputError(f"{path}: expected a readable JSON file: {error}") from error
+    if data.get("schema") != SCHEMA:
+        raise InputError(f"{path}: expected schema {SCHEMA}, found {data.get('schema')!r}")
+    return data, tuple(_view_from_json(row, folder) for row in data["views"])
+
+
+def _view_to_json(view: View, folder: Path) -> dict[str, Any]:
+    camera = view.camera
+    return {
+        "name": view.name,
+        "split": view.split,
+        "width": view.width,
+        "height": view.height,
+        "photo": str(view.photo.relative_to(folder)),
+        "mask": None if view.mask is None else str(view.mask.relative_to(folder)),
+        "ids": None if view.ids is None else str(view.ids.relative_to(folder)),
+        "camera": None
+        if camera is None
+        else {
+            "intrinsics": vars(camera.intrinsics),
+            "rotation": camera.rotation.tolist(),
+            "translation": camera.translation.tolist(),
+        },
+    }
+
+
+def _view_from_json(row: dict[str, Any], folder: Path) -> View:
+    camera = row["camera"]
+    return View(
+        name=row["name"],
+        split=row["split"],
+        width=row["width"],
+        height=row["height"],
+        photo=folder / row["photo"],
+        mask=None if row["mask"] is None else folder / row["mask"],
+        ids=folder / row["ids"] if row.get("ids") else None,
+        camera=None
+        if camera is None
+        else Camera(
+            Intrinsics(**camera["intrinsics"]),
+            np.array(camera["rotation"], dtype=np.float64),
+            np.array(camera["translation"], dtype=np.float64),
+        ),
+    )

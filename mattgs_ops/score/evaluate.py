@@ -1,0 +1,304 @@
+"""Trained splats → stored renders → scores; and how fast they render.
+
+:func:`render_views` writes 8-bit PNGs of every registered view beside what it should look like::
+
+    renders/{test,train}/NAME.png   truth/{test,train}/NAME.png   masks/{test,train}/NAME.png
+    [details/test/NAME.png]   views.json
+
+:func:`score` reads those files and nothing else, and writes ``evaluation.json``: so what was
+scored can be looked at, and scored again. Test views that structure-from-motion could not place
+are listed as missing, never left out in silence. Speed is measured apart, by
+:func:`measure_speed`, when nothing else runs.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from mattgs_ops.capture.scene import Scene, Split
+from mattgs_ops.config import Condition
+from mattgs_ops.errors import InputError, StageError
+from mattgs_ops.progress import Progress, no_progress
+from mattgs_ops.score.metrics import IMAGE_METRICS, METRICS, SSIM_REACH, score_view
+from mattgs_ops.splat.attention import paper_attention
+from mattgs_ops.splat.files.ply import read_ply
+from mattgs_ops.splat.photos import WHITE, Colour, load_view, size_at
+from mattgs_ops.splat.render import render_view, time_views
+from mattgs_ops.store.digests import file_digest, folder_digest
+from mattgs_ops.timing import calibration
+
+SCHEMA = 1
+BYTES_PER_MB = 1e6  # size_mb is in megabytes, not mebibytes
+VIEWS_FILE = "views.json"
+EVALUATION_FILE = "evaluation.json"
+PNG_EFFORT = 1
+FEWEST_ROUNDS = 9  # over the views, rendering and workload in turns
+FEWEST_SECONDS = 1.0  # of rendering
+# Standard error of a normal sample's median, times root n, over the median absolute deviation
+MEDIAN_ERROR = 1.4826 * 1.2533
+MASK_THRESHOLD = 128  # of 255: a pixel is object when at least half of it is
+# of a pixel: a wire rarely fills half of one, see docs/captures.md on id maps
+DETAIL_SHARE = 0.25
+SPLITS: tuple[Split, ...] = get_args(Split)
+
+
+@dataclass(frozen=True)
+class RenderedView:
+    """One view on disk; ``masked``: it has a mask; ``detailed``: its small structures are known."""
+
+    name: str
+    split: Split
+    masked: bool
+    detailed: bool = False
+
+
+@dataclass(frozen=True)
+class RenderedViews:
+    """The content of ``views.json``: what was rendered, from what.
+
+    Of the training views the first and every ``train_every``-th after it were rendered; ``missing``
+    are test views without a camera. ``size_bytes`` is the PLY's size, ``splats_sha256`` its digest.
+    """
+
+    schema: int
+    condition: str
+    resolution: int
+    background: Colour
+    train_every: int
+    views: tuple[RenderedView, ...]
+    missing: tuple[str, ...]
+    splats: int
+    size_bytes: int
+    splats_sha256: str
+
+    def save(self, folder: Path) -> None:
+        """Write ``folder/views.json``."""
+        _write_json(folder / VIEWS_FILE, asdict(self))
+
+    @classmethod
+    def load(cls, folder: Path) -> "RenderedViews":
+        """Read ``folder/views.json``; raises :class:`InputError` when it is not there or broken."""
+        path = folder / VIEWS_FILE
+        try:
+            data = json.loads(path.read_text(encoding="utf-8"))
+            views = tuple(RenderedView(**row) for row in data.pop("views"))
+            background, missing = tuple(data.pop("background")), tuple(data.pop("missing"))
+            return cls(**data, views=views, background=background, missing=missing)
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise InputError(f"{path}: expected the list of rendered views: {error}") from error
+
+
+def render_views(
+    scene: Scene,
+    splats_ply: Path,
+    condition: Condition,
+    resolution: int,
+    out: Path,
+    *,
+    background: Colour = WHITE,
+    train_every: int = 1,
+    threads: int = 1,
+    progress: Progress = no_progress,
+) -> RenderedViews:
+    """Render all registered test views, and every ``train_every``-th training view, into ``out``.
+
+    ``resolution`` is the longest side in pixels. ``background`` is the colour that ``original``
+    was trained over; ``nobg`` is always shown over white, as its truth is. Raises
+    :class:`StageError` when no test view has a camera.
+    """
+    shown: Colour = WHITE if condition.background == "nobg" else background
+    chosen = [*scene.registered("test"), *scene.registered("train")[::train_every]]
+    missing = tuple(v.name for v in scene.views if v.split == "test" and v.camera is None)
+    if not scene.registered("test"):
+        raise StageError(
+            f"scene {scene.name}: expected test views with a camera, found none of {len(missing)}"
+        )
+    splats = read_ply(splats_ply)
+    rendered = []
+    for index, view in enumerate(chosen):
+        target = load_view(view, condition.background, resolution)
+        pixels = render_view(splats, target.camera, shown, threads=threads)
+        _save(out / "renders" / view.split / f"{view.name}.png", pixels)
+        _save(out / "truth" / view.split / f"{view.name}.png", _bytes(target.image))
+        if view.mask is not None:
+            _save(out / "masks" / view.split / f"{view.name}.png", _bytes(target.mask))
+        if view.ids is not None:
+            details = _details(view.ids, target.mask.shape)
+            _save(out / "details" / view.split / f"{view.name}.png", details)
+        known = view.mask is not None, view.ids is not None
+        rendered.append(RenderedView(view.name, view.split, *known))
+        progress(index + 1, len(chosen), f"{view.name} rendered")
+    result = RenderedViews(
+        schema=SCHEMA,
+        condition=str(condition),
+        resolution=resolution,
+        background=shown,
+        train_every=train_every,
+        views=tuple(rendered),
+        missing=missing,
+        splats=len(splats),
+        size_bytes=splats_ply.stat().st_size,
+        splats_sha256=file_digest(splats_ply),
+    )
+    result.save(out)
+    return result
+
+
+def score(
+    folder: Path, *, ssim_lambda: float = 0.2, progress: Progress = no_progress
+) -> dict[str, Any]:
+    """Score the renders stored in ``folder`` and write its ``evaluation.json``.
+
+    The result holds ``metrics`` (means over views by id, training views as ``train_…``; absent
+    where no view has the metric), ``per_view`` (a list of objects with ``view``, ``split`` and the
+    image metrics), ``missing`` (test views that could not be rendered), ``counts`` of what went
+    into each mean, and digests of what was scored. ``ssim_lambda`` is λ of the loss. Raises
+    :class:`InputError` for files that are missing or do not fit each other.
+    """
+    rendered = RenderedViews.load(folder)
+    per_view: list[dict[str, Any]] = []
+    for index, view in enumerate(rendered.views):
+        per_view.append(_score_one(folder, view, ssim_lambda))
+        progress(index + 1, len(rendered.views), f"{view.name} scored")
+    metrics: dict[str, float] = {}
+    counts: dict[str, int] = {}
+    for split in SPLITS:
+        prefix = "" if split == "test" else f"{split}_"
+        rows = [row for row in per_view if row["split"] == split]
+        for name in IMAGE_METRICS:
+            values = [row[name] for row in rows if row.get(name) is not None]
+            if values:
+                metrics[prefix + name] = float(np.mean(values))
+                counts[prefix + name] = len(values)
+    metrics |= {
+        "size_mb": rendered.size_bytes / BYTES_PER_MB,
+        "splats": rendered.splats,
+        "test_views": sum(view.split == "test" for view in rendered.views),
+        "missing_views": len(rendered.missing),
+    }
+    evaluation = {
+        "schema": SCHEMA,
+        "condition": rendered.condition,
+        "resolution": rendered.resolution,
+        "ssim_lambda": ssim_lambda,
+        "mask_erosion": SSIM_REACH,
+        "train_every": rendered.train_every,
+        "metrics": metrics,
+        "versions": {name: METRICS[name].version for name in metrics},
+        "counts": counts,
+        "per_view": per_view,
+        "missing": list(rendered.missing),
+        "digests": {
+            "renders": folder_digest(folder / "renders"),
+            "truth": folder_digest(folder / "truth"),
+            "splats": rendered.splats_sha256,
+        },
+    }
+    _write_json(folder / EVALUATION_FILE, evaluation)
+    return evaluation
+
+
+def measure_speed(
+    scene: Scene,
+    splats_ply: Path,
+    condition: Condition,
+    resolution: int,
+    *,
+    background: Colour = WHITE,
+    threads: int = 1,
+) -> dict[str, float]:
+    """Return metrics of rendering speed over the registered test views, by id.
+
+    Rendering a view and the fixed workload take turns, in rounds over the views. ``fps``: views
+    divided by the seconds of rendering them into memory, after a warm-up; ``calibration``: seconds
+    of the fastest workload; ``fps_calibrated``: frames rendered in the time of one workload, each
+    view at its median over the rounds; ``fps_noise``: the relative standard error of that, from the
+    median absolute deviation of the rounds. Meant to run alone on its machine; time lost to others
+    is not counted (:mod:`mattgs_ops.timing.stopwatch`).
+    """
+    shown: Colour = WHITE if condition.background == "nobg" else background
+    cameras = [
+        view.camera.scaled(*size_at(view.width, view.height, resolution))
+        for view in scene.registered("test")
+        if view.camera is not None
+    ]
+    if not cameras:
+        raise StageError(f"scene {scene.name}: expected test views with a camera, found none")
+    splats = read_ply(splats_ply)
+    pairs, seconds = calibration.Pairs(sweeping=False), 0.0
+    for index, took in time_views(splats, cameras, shown, threads=threads):
+        pairs.add(took)
+        seconds += took
+        whole = index == len(cameras) - 1
+        if whole and len(pairs) >= FEWEST_ROUNDS * len(cameras) and seconds >= FEWEST_SECONDS:
+            break
+    ratios = pairs.ratios().reshape(-1, len(cameras))
+    by_view = np.median(ratios, axis=0)
+    deviation = float(np.median(np.abs(np.log(ratios / by_view))))
+    return {
+        "fps": len(pairs) / seconds,
+        "calibration": pairs.fastest(),
+        "fps_calibrated": float(1 / by_view.mean()),
+        "fps_noise": MEDIAN_ERROR * deviation / float(np.sqrt(len(pairs))),
+    }
+
+
+def _score_one(folder: Path, view: RenderedView, ssim_lambda: float) -> dict[str, Any]:
+    image = _read(folder, "renders", view, "RGB")
+    truth = _read(folder, "truth", view, "RGB")
+    if image.shape != truth.shape:
+        raise InputError(
+            f"{folder}: the render of {view.name} is {image.shape[1]} x {image.shape[0]}, its "
+            f"truth {truth.shape[1]} x {truth.shape[0]}; render the views again"
+        )
+    mask = _read(folder, "masks", view, "L") >= MASK_THRESHOLD if view.masked else None
+    details = _read(folder, "details", view, "L") > 0 if view.detailed else None
+    attention = paper_attention(truth.astype(np.float32) / np.float32(255))
+    scores = score_view(image / 255, truth / 255, mask, attention, ssim_lambda, details)
+    return {"view": view.name, "split": view.split, **scores}
+
+
+def _details(ids: Path, shape: tuple[int, ...]) -> NDArray[np.uint8]:
+    """Return where small structures are, 255, in an image of ``shape`` [H, W]."""
+    with Image.open(ids) as stored:
+        small = (np.asarray(stored.convert("L")) > 0).astype(np.float32)
+    share = cv2.resize(small, (shape[1], shape[0]), interpolation=cv2.INTER_AREA)
+    return np.where(share >= DETAIL_SHARE, 255, 0).astype(np.uint8)
+
+
+def _read(
+    folder: Path, kind: str, view: RenderedView, mode: Literal["RGB", "L"]
+) -> NDArray[np.uint8]:
+    path = folder / kind / view.split / f"{view.name}.png"
+    try:
+        with Image.open(path) as image:
+            if image.mode != mode:
+                raise InputError(f"{path}: expected an 8-bit {mode} image, found {image.mode}")
+            pixels: NDArray[np.uint8] = np.asarray(image, dtype=np.uint8)
+            return pixels
+    except OSError as error:
+        raise InputError(f"{path}: expected a stored render: {error}") from error
+
+
+def _save(path: Path, pixels: NDArray[np.uint8]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    Image.fromarray(pixels).save(path, compress_level=PNG_EFFORT)
+
+
+def _bytes(values: NDArray[np.float32]) -> NDArray[np.uint8]:
+    pixels: NDArray[np.uint8] = np.rint(values * np.float32(255)).astype(np.uint8)
+    return pixels
+
+
+def _write_json(path: Path, document: Mapping[str, Any] | Sequence[Any]) -> None:
+    partial = path.with_name(f"{path.name}.part")
+    text = json.dumps(document, indent=1, sort_keys=True, allow_nan=False)
+    partial.write_text(text + "\n", encoding="utf-8")
+    partial.replace(path)

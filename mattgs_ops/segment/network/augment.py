@@ -1,0 +1,60 @@
+"""What is done to a training image before the network sees it: geometry, colour, blur, noise.
+
+The paper's recipe is RescaleT, a random crop and flips; rotation, scaling, colour and blur are
+added here. Images are [H, W, 3] uint8 RGB, masks [H, W] uint8 (255 = object) of the same size.
+"""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mattgs_ops.segment.network.train_config import AugmentConfig
+
+Image = NDArray[np.uint8]
+
+
+def augment(
+    rng: np.random.Generator, image: Image, mask: Image, size: int, config: AugmentConfig
+) -> tuple[Image, Image]:
+    """Return image [S, S, 3] and mask [S, S]: turned, scaled, cropped, flipped and spoiled."""
+    height, width = mask.shape
+    crop = rng.uniform(config.crop, 1.0)
+    angle = np.radians(rng.uniform(-config.rotation, config.rotation))
+    c, s = np.cos(angle) * crop, np.sin(angle) * crop
+    flip_x = -1.0 if rng.random() < config.flip_horizontal else 1.0
+    flip_y = -1.0 if rng.random() < config.flip_vertical else 1.0
+    # maps pixels of the result to pixels of the source, both centred and in units of their size
+    turn = np.array([[c * flip_x, -s * flip_y], [s * flip_x, c * flip_y]])
+    turn = np.diag([width / size, height / size]) @ turn
+    middle = np.array([width, height]) / 2 * (1 + rng.uniform(-1, 1, 2) * (1 - crop))
+    shift = middle - turn @ np.array([size, size]) / 2
+    matrix = np.concatenate([turn, shift[:, None]], axis=1)
+    flags, border = cv2.INTER_AREA | cv2.WARP_INVERSE_MAP, cv2.BORDER_REFLECT_101
+    square = (size, size)
+    image = cv2.warpAffine(image, matrix, square, flags=flags, borderMode=border)
+    mask = cv2.warpAffine(mask, matrix, square, flags=flags, borderMode=border)
+    return spoil(rng, image), mask
+
+
+def spoil(rng: np.random.Generator, image: Image) -> Image:
+    """Add what cameras and renderers add: exposure, cast, vignette, blur, noise, compression."""
+    size = image.shape[0]
+    x = image.astype(np.float32) / 255
+    x = x ** rng.uniform(0.7, 1.4) * rng.normal(1, 0.06, 3).astype(np.float32)
+    x = x * rng.uniform(0.75, 1.2) + rng.uniform(-0.03, 0.08)
+    if rng.random() < 0.4:
+        axis = np.linspace(-1, 1, size, dtype=np.float32)
+        fall = 1 - rng.uniform(0, 0.4) * (axis[:, None] ** 2 + axis[None] ** 2) / 2
+        x = x * fall[..., None]
+    if rng.random() < 0.25:
+        x = cv2.GaussianBlur(x, (0, 0), rng.uniform(0.3, 1.0) * size / 160)
+    if rng.random() < 0.6:
+        x = x + rng.normal(0, rng.uniform(0.005, 0.05), x.shape).astype(np.float32)
+    if rng.random() < 0.1:
+        x = np.repeat(x.mean(2, keepdims=True), 3, 2)
+    out = (np.clip(x, 0, 1) * 255).astype(np.uint8)
+    if rng.random() < 0.4:
+        quality = [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(40, 96))]
+        packed = cv2.imencode(".jpg", out, quality)[1]
+        out = np.asarray(cv2.imdecode(packed, cv2.IMREAD_COLOR), dtype=np.uint8)
+    return np.ascontiguousarray(out)

@@ -1,0 +1,124 @@
+"""Batches for the segmenter's training: composites and folders, mixed, augmented, reproducible.
+
+A batch follows from the seed and the step alone, so that a resumed training sees what an
+uninterrupted one would have seen. Composites are costlier to draw than to augment: each step draws
+a few new ones and shows older ones again, changed differently.
+"""
+
+from collections import OrderedDict
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mattgs_ops.capture.mask_files import decode_mask, find_mask
+from mattgs_ops.errors import InputError
+from mattgs_ops.segment.network.augment import augment
+from mattgs_ops.segment.network.preprocess import network_input
+from mattgs_ops.segment.network.train_config import FolderConfig, SegmentTrainConfig
+from mattgs_ops.segment.training_images.backdrops import Backdrop, load_backdrops
+from mattgs_ops.segment.training_images.composites import Composites, Image
+from mattgs_ops.segment.training_images.textures import Bank
+
+MARGIN = 1.15  # composites are drawn larger by this, so that a crop still has the full resolution
+PHOTO_SUFFIXES = {".jpg", ".jpeg", ".png"}
+VALIDATION_SEED_SHIFT = 1_000_003  # keeps validation composites apart from training's
+
+
+class Folder:
+    """A user's photos and masks, checked once, read when needed, longest side ``rescale``."""
+
+    def __init__(self, config: FolderConfig, rescale: int) -> None:
+        if not config.images.is_dir():
+            raise InputError(f"{config.images}: expected a folder of photos, found none")
+        self.share, self.rescale = config.share, rescale
+        names = sorted(p for p in config.images.iterdir() if p.suffix.lower() in PHOTO_SUFFIXES)
+        if not names:
+            raise InputError(f"{config.images}: expected photos (.jpg, .png), found none")
+        self.pairs = [(photo, find_mask(config.masks, photo.name)) for photo in names]
+
+    def sample(self, index: int) -> tuple[Image, Image]:
+        """Read a pair: image [H, W, 3] RGB and mask [H, W], both uint8."""
+        photo, mask_path = self.pairs[index % len(self.pairs)]
+        image = cv2.imread(str(photo))
+        if image is None:
+            raise InputError(f"{photo}: expected a readable photo, found something else")
+        mask = decode_mask(mask_path, (image.shape[1], image.shape[0]))
+        factor = self.rescale / max(mask.shape)
+        size = (max(1, round(mask.shape[1] * factor)), max(1, round(mask.shape[0] * factor)))
+        image = cv2.resize(image[..., ::-1], size, interpolation=cv2.INTER_AREA)
+        return image, cv2.resize(mask, size, interpolation=cv2.INTER_AREA)
+
+
+class Batches:
+    """Training batches by step, and the fixed validation set."""
+
+    def __init__(self, config: SegmentTrainConfig, rendered: Path | None = None) -> None:
+        self.config = config
+        self.folders = [Folder(folder, config.rescale) for folder in config.folders]
+        self.backdrops: tuple[Backdrop, ...] = ()
+        self.backdrop_share = 0.0
+        if config.rendered and rendered:
+            traced = FolderConfig(
+                images=rendered / "images", masks=rendered / "masks", share=config.rendered.share
+            )
+            self.folders.insert(0, Folder(traced, config.rescale))
+            self.backdrops = load_backdrops(rendered)
+            self.backdrop_share = config.rendered.backdrops
+        self.bank = Bank(config.seed)
+        self._drawn: OrderedDict[tuple[int, int], tuple[Image, Image]] = OrderedDict()
+
+    def at(self, step: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return inputs [B, 3, S, S] and truths [B, 1, S, S] (0..1) of a step."""
+        start, stage = 0, self.config.stages[0]
+        for stage in self.config.stages:
+            if step < start + stage.steps:
+                break
+            start += stage.steps
+        rng = np.random.default_rng((self.config.seed, step))
+        fresh = -(-stage.batch // self.config.reuse)
+        newest = fresh * (step - start + 1)
+        oldest = max(0, newest - self.config.pool)
+        inputs, truths = [], []
+        for slot in range(stage.batch):
+            folder = self._folder(rng)
+            if folder is None:
+                again = slot >= fresh
+                index = int(rng.integers(oldest, newest)) if again else newest - 1 - slot
+                image, mask = self._composite(index + fresh * start, stage.size)
+            else:
+                image, mask = folder.sample(int(rng.integers(len(folder.pairs))))
+            image, mask = augment(rng, image, mask, stage.size, self.config.augment)
+            inputs.append(network_input(image, stage.size, stage.size))
+            truths.append(mask[None].astype(np.float32) / 255)
+        return np.stack(inputs), np.stack(truths)
+
+    def validation(self, size: int) -> list[tuple[Image, Image]]:
+        """Draw the validation set: composites of another seed."""
+        seed = self.config.seed + VALIDATION_SEED_SHIFT
+        source = Composites(seed, size, self.bank, self.backdrops, self.backdrop_share)
+        return [source.sample(index) for index in range(self.config.validation_images)]
+
+    def _folder(self, rng: np.random.Generator) -> Folder | None:
+        draw = rng.random() * (1.0 if self.config.composites else self._shares())
+        for folder in self.folders:
+            draw -= folder.share
+            if draw < 0:
+                return folder
+        return None if self.config.composites else self.folders[-1]
+
+    def _shares(self) -> float:
+        return sum(folder.share for folder in self.folders)
+
+    def _composite(self, index: int, size: int) -> tuple[Image, Image]:
+        key = (index, size)
+        if key not in self._drawn:
+            drawn = round(size * MARGIN)
+            source = Composites(
+                self.config.seed, drawn, self.bank, self.backdrops, self.backdrop_share
+            )
+            self._drawn[key] = source.sample(index)
+            while len(self._drawn) > self.config.pool + 64:
+                self._drawn.popitem(last=False)
+        return self._drawn[key]

@@ -1,0 +1,116 @@
+"""A saliency network in ONNX Runtime: photos in, soft maps out.
+
+Works with the bundled U²-NetP and with any ONNX file of U²-Net's convention: one input
+[N, 3, H, W] float32, the first output the fused map [N, 1, H, W]. Size and names are read from the
+file.
+"""
+
+import hashlib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mattgs_ops.capture.masks import SoftMap
+from mattgs_ops.errors import InputError, StageError
+from mattgs_ops.segment.network.preprocess import network_input
+
+BUNDLED_MODEL = Path(__file__).resolve().parents[2] / "bundled" / "segmenter" / "u2netp.onnx"
+DEFAULT_SIZE = 320  # for files that leave the size open; what U²-Net was published with
+LEAST_CONTRAST = 0.05  # of probability; a map flatter than this has found nothing
+BATCH = 4  # photos at a time; memory grows with it, speed hardly
+
+
+class SaliencyNetwork:
+    """An ONNX file, checked. Raises :class:`InputError` for a file that is no such network."""
+
+    def __init__(self, path: Path, *, threads: int = 1) -> None:
+        if not path.is_file():
+            raise InputError(f"{path}: expected a segmentation model (ONNX), found no such file")
+        self.path = path
+        self._session = _open(path, threads)
+        inputs, outputs = self._session.get_inputs(), self._session.get_outputs()
+        shape = inputs[0].shape if len(inputs) == 1 else []
+        if not _fits(shape, channels=3) or inputs[0].type != "tensor(float)":
+            found = ", ".join(f"{i.name} {i.shape} {i.type}" for i in inputs) or "none"
+            raise InputError(f"{path}: expected one float32 input [N, 3, H, W], found {found}")
+        if not outputs or not _fits(outputs[0].shape, channels=1):
+            found = ", ".join(f"{o.name} {o.shape}" for o in outputs) or "none"
+            raise InputError(f"{path}: expected a first output [N, 1, H, W], found {found}")
+        self.input, self.output = inputs[0].name, outputs[0].name
+        sides = [s if isinstance(s, int) and s > 0 else DEFAULT_SIZE for s in shape[2:]]
+        self.height, self.width = sides
+        self.batch = shape[0] if isinstance(shape[0], int) and shape[0] > 0 else BATCH
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the file."""
+        return hashlib.sha256(self.path.read_bytes()).hexdigest()
+
+    def soft_maps(self, photos: Sequence[NDArray[np.uint8]], names: Sequence[str]) -> list[SoftMap]:
+        """Photos [H, W, 3] RGB to maps [H, W] in 0..1, each stretched to the whole range.
+
+        Raises :class:`StageError` naming the photo whose map is constant or empty.
+        """
+        inputs = [network_input(photo, self.width, self.height) for photo in photos]
+        maps: list[NDArray[np.float32]] = []
+        for start in range(0, len(inputs), self.batch):
+            chunk = inputs[start : start + self.batch]
+            padding = [chunk[-1]] * (self.batch - len(chunk)) if self._fixed_batch else []
+            maps.extend(self._run(np.stack([*chunk, *padding]))[: len(chunk)])
+        return [
+            stretched(raw, photo.shape[1], photo.shape[0], name)
+            for raw, photo, name in zip(maps, photos, names, strict=True)
+        ]
+
+    @property
+    def _fixed_batch(self) -> bool:
+        return isinstance(self._session.get_inputs()[0].shape[0], int)
+
+    def _run(self, inputs: NDArray[np.float32]) -> NDArray[np.float32]:
+        try:
+            (raw,) = self._session.run([self.output], {self.input: inputs})
+        except Exception as error:  # ONNX Runtime's own types are not public
+            raise StageError(f"{self.path}: the model failed on {inputs.shape}: {error}") from error
+        expected = (len(inputs), 1, *inputs.shape[2:])
+        if tuple(raw.shape) != expected:
+            raise InputError(
+                f"{self.path}: expected a first output of {list(expected)}, found {list(raw.shape)}"
+            )
+        return np.asarray(raw[:, 0], dtype=np.float32)
+
+
+def _fits(shape: Sequence[object], *, channels: int) -> bool:
+    """Whether a declared shape can be [N, channels, H, W]; names and None leave a size open."""
+    return len(shape) == 4 and (not isinstance(shape[1], int) or shape[1] == channels)
+
+
+def stretched(raw: NDArray[np.float32], width: int, height: int, name: str) -> SoftMap:
+    """Min–max a map to 0..1 and resize it to the photo; refuse one that shows nothing."""
+    low, high = float(raw.min()), float(raw.max())
+    if not np.isfinite(low + high) or high - low < LEAST_CONTRAST:
+        raise StageError(
+            f"{name}: the segmentation found no object: expected a map with contrast, found one "
+            f"between {low:.3g} and {high:.3g}; give masks of your own, or use refine/grabcut"
+        )
+    scaled = (raw - low) / (high - low)
+    resized = cv2.resize(scaled, (width, height), interpolation=cv2.INTER_CUBIC)
+    return np.asarray(np.clip(resized, 0, 1), dtype=np.float32)
+
+
+def _open(path: Path, threads: int) -> Any:
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.inter_op_num_threads = 1
+    options.log_severity_level = 3  # errors only
+    # idle threads must sleep: spinning starves everything else on a shared machine
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+    try:
+        return onnxruntime.InferenceSession(str(path), options, ["CPUExecutionProvider"])
+    except Exception as error:  # ONNX Runtime's own types are not public
+        raise InputError(f"{path}: expected a segmentation model (ONNX): {error}") from error

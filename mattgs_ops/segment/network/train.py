@@ -1,0 +1,230 @@
+"""Train U²-Net: ``train(config, out)``; deterministic with its seed, killed and resumed at will.
+
+Written to ``out``: ``checkpoint.pt`` (everything to go on from), ``u2netp.pth`` (the averaged
+weights, in the public release's form), ``curve.csv`` (step, losses, validation scores) and
+``training.json``. A finished training is not done twice: it is resumed after its last step.
+"""
+
+import csv
+import json
+import math
+import time
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from copy import deepcopy
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import torch
+from torch import Tensor
+
+from mattgs_ops.capture.masks import quality, threshold
+from mattgs_ops.errors import InputError, StageError
+from mattgs_ops.progress import Progress, no_progress
+from mattgs_ops.segment.network.batches import Batches
+from mattgs_ops.segment.network.losses import segmentation_loss
+from mattgs_ops.segment.network.preprocess import network_input
+from mattgs_ops.segment.network.train_config import SegmentTrainConfig, StageConfig
+from mattgs_ops.segment.network.u2net import U2Net, load_weights
+from mattgs_ops.segment.training_images.composites import Image
+from mattgs_ops.segment.training_images.path_traced import render_desks
+
+WARMUP = 50  # steps over which the rate of a leg rises from a tenth
+GRADIENT_LIMIT = 10.0  # norm; a guard against rare explosions early on, seldom active
+CURVE_FIELDS = ("step", "train_loss", "val_loss", "iou", "f_measure", "mae", "boundary_f")
+OnMetrics = Callable[[int, dict[str, float]], None]
+
+
+@dataclass(frozen=True)
+class SegmentTrainReport:
+    """What a training yields; ``scores`` are the validation's at the last step."""
+
+    weights: Path
+    steps: int
+    wall_seconds: float
+    scores: dict[str, float]
+
+
+def train(
+    config: SegmentTrainConfig,
+    out: Path,
+    *,
+    on_metrics: OnMetrics | None = None,
+    progress: Progress = no_progress,
+) -> SegmentTrainReport:
+    """Train to the last step of the last leg, from ``out/checkpoint.pt`` where it exists.
+
+    Raises :class:`InputError` for bad data or a checkpoint of another configuration and
+    :class:`StageError` when the loss stops being a number.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    torch.set_num_threads(config.threads)
+    cv2.setNumThreads(1)  # not beside torch's threads on a shared machine
+    torch.manual_seed(config.seed)
+    if config.rendered:
+        render_desks(config.rendered, out / "rendered", progress=progress)
+    batches = Batches(config, out / "rendered")
+    run = _Run(config, out)
+    run.resume()
+    began, before = time.perf_counter(), run.seconds
+    scores: dict[str, float] = {}
+    with ThreadPoolExecutor(1) as pool:
+        ahead: Future[Any] = pool.submit(batches.at, run.step)
+        while run.step < config.steps:
+            inputs, truths = ahead.result()
+            ahead = pool.submit(batches.at, min(run.step + 1, config.steps - 1))
+            loss = run.advance(inputs, truths)
+            run.seconds = before + time.perf_counter() - began
+            last = run.step == config.steps
+            if run.step % config.validate_every == 0 or last:
+                scores = run.validate(batches)
+                _log(out / "curve.csv", run.step, {"train_loss": loss, **scores})
+                if on_metrics:
+                    on_metrics(run.step, {"train_loss": loss, **scores})
+            if run.step % config.checkpoint_every == 0 or last:
+                run.save()
+            progress(run.step, config.steps, f"loss {loss:.3f}")
+    scores = scores or run.validate(batches)
+    weights = out / f"{config.variant}.pth"
+    torch.save(run.average.state_dict(), weights)
+    report = SegmentTrainReport(weights, run.step, run.seconds, scores)
+    document = {**asdict(report), "weights": weights.name, "config": config.model_dump(mode="json")}
+    (out / "training.json").write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    return report
+
+
+class _Run:
+    """A training under way: the network, its moving average, the optimiser, the step."""
+
+    def __init__(self, config: SegmentTrainConfig, out: Path) -> None:
+        cuda = torch.cuda.is_available() and config.device != "cpu"
+        if config.device == "cuda" and not cuda:
+            raise InputError("device: expected a CUDA device as asked for, found none")
+        self.config, self.path = config, out / "checkpoint.pt"
+        self.device = torch.device("cuda" if cuda else "cpu")
+        self.model = U2Net(config.variant)
+        if config.start_from:
+            load_weights(self.model, config.start_from)
+        self.model.to(self.device).train()
+        self.average = deepcopy(self.model).eval()
+        self.optimiser = torch.optim.Adam(self.model.parameters(), lr=config.stages[0].lr)
+        self.step, self.seconds = 0, 0.0
+
+    def resume(self) -> None:
+        if not self.path.is_file():
+            return
+        try:
+            state = torch.load(self.path, map_location=self.device, weights_only=True)
+            identity, step = state["identity"], int(state["step"])
+        except Exception as error:  # torch raises a dozen types for a broken file
+            raise InputError(
+                f"{self.path}: expected a checkpoint of a training: {error}"
+            ) from error
+        if identity != identity_of(self.config):
+            raise InputError(
+                f"{self.path}: expected a checkpoint of this configuration, found another's; "
+                "give the training a folder of its own"
+            )
+        self.model.load_state_dict(state["model"])
+        self.average.load_state_dict(state["average"])
+        self.optimiser.load_state_dict(state["optimiser"])
+        self.step, self.seconds = step, float(state["seconds"])
+
+    def save(self) -> None:
+        state = {
+            "identity": identity_of(self.config),
+            "step": self.step,
+            "seconds": self.seconds,
+            "model": self.model.state_dict(),
+            "average": self.average.state_dict(),
+            "optimiser": self.optimiser.state_dict(),
+        }
+        partial = self.path.with_suffix(".partial")
+        torch.save(state, partial)
+        partial.replace(self.path)
+
+    def advance(self, inputs: np.ndarray, truths: np.ndarray) -> float:
+        """Take one step of Adam; returns the loss."""
+        x, y = torch.from_numpy(inputs).to(self.device), torch.from_numpy(truths).to(self.device)
+        for group in self.optimiser.param_groups:
+            group["lr"] = learning_rate(self.config.stages, self.step)
+        loss = segmentation_loss(self._logits(x), y, self.config.loss)
+        if not math.isfinite(loss.item()):
+            raise StageError(f"segmenter training: the loss is {loss.item()} at step {self.step}")
+        self.optimiser.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]  # torch leaves it untyped
+        torch.nn.utils.clip_grad_norm_(self.model.parameters(), GRADIENT_LIMIT)
+        self.optimiser.step()
+        self.step += 1
+        self._follow()
+        return float(loss.item())
+
+    def _logits(self, x: Tensor) -> tuple[Tensor, ...]:
+        """Run the network in the asked-for precision; the seven outputs come back as float32.
+
+        Channels last is the layout that convolutions on a CPU are fastest in.
+        """
+        reduced = self.config.precision == "bfloat16"
+        with torch.autocast(self.device.type, torch.bfloat16, enabled=reduced):
+            logits: tuple[Tensor, ...] = self.model(x.contiguous(memory_format=torch.channels_last))
+        return tuple(output.float() for output in logits)
+
+    @torch.no_grad()
+    def _follow(self) -> None:
+        """Move the average towards the network, faster at first."""
+        decay = min(self.config.average, self.step / (self.step + 10))
+        pairs = zip(
+            self.average.state_dict().values(), self.model.state_dict().values(), strict=True
+        )
+        for mean, now in pairs:
+            if mean.is_floating_point():
+                mean.lerp_(now, 1 - decay)
+            else:
+                mean.copy_(now)
+
+    @torch.no_grad()
+    def validate(self, batches: Batches) -> dict[str, float]:
+        """Score the averaged network on the validation composites, at the largest leg's size."""
+        size = max(stage.size for stage in self.config.stages)
+        rows = [self._score(image, mask) for image, mask in batches.validation(size)]
+        return {key: float(np.mean([row[key] for row in rows])) for key in rows[0]}
+
+    def _score(self, image: Image, mask: Image) -> dict[str, float]:
+        size = image.shape[0]
+        x = torch.from_numpy(network_input(image, size, size))[None].to(self.device)
+        logits: tuple[Tensor, ...] = self.average(x)
+        truth = torch.from_numpy(mask.astype(np.float32) / 255)[None, None].to(self.device)
+        loss = segmentation_loss(logits, truth, self.config.loss)
+        soft = logits[0][0, 0].sigmoid().cpu().numpy()
+        scored = quality(threshold(soft), mask, soft)
+        return {"val_loss": float(loss.item()), **scored.as_dict()}
+
+
+def identity_of(config: SegmentTrainConfig) -> str:
+    """Return everything of a configuration that changes the weights, as text."""
+    passive = {"threads", "device", "checkpoint_every", "validate_every", "validation_images"}
+    return config.model_dump_json(exclude=passive)
+
+
+def learning_rate(stages: tuple[StageConfig, ...], step: int) -> float:
+    """Half a cosine from a leg's ``lr`` to its ``lr_end``, after a short rise."""
+    for stage in stages:
+        if step < stage.steps:
+            break
+        step -= stage.steps
+    blend = 0.5 * (1 + math.cos(math.pi * min(1.0, step / stage.steps)))
+    rate = stage.lr_end + (stage.lr - stage.lr_end) * blend
+    rise = min(WARMUP, max(1, stage.steps // 10))
+    return rate * min(1.0, 0.1 + 0.9 * step / rise)
+
+
+def _log(path: Path, step: int, values: dict[str, float]) -> None:
+    new = not path.is_file()
+    with path.open("a", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, CURVE_FIELDS)
+        if new:
+            writer.writeheader()
+        writer.writerow({"step": step, **values})

@@ -1,0 +1,144 @@
+"""Training images made on the fly: one salient object over a cluttered scene, and its exact mask.
+
+A sample is drawn by a small painter's-algorithm renderer: a desk with sheets and clutter in
+perspective, the object standing in the middle, cast shadows, directional light with gloss. Every
+sample follows from ``(seed, index)``; a camera's faults are added by ``augment``.
+The object is central, complete in the frame and larger than anything else: that is what "salient"
+means here. Holes in it show what is behind it and are not part of the mask.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mattgs_ops.segment.training_images.backdrops import Backdrop
+from mattgs_ops.segment.training_images.draw import Camera, Canvas, Light
+from mattgs_ops.segment.training_images.organic import organic_scene
+from mattgs_ops.segment.training_images.solids import Face, Paint
+from mattgs_ops.segment.training_images.textures import Bank
+from mattgs_ops.segment.training_images.things import OBJECTS, clutter
+
+Image = NDArray[np.uint8]
+SUPERSAMPLE = 2
+ORGANIC_SHARE = 0.15  # irregular things in front of a wall, photographed from the front
+ASPECTS = (4 / 3, 4 / 3, 3 / 4, 1.0, 16 / 9, 9 / 16)  # of the photo that is squashed to a square
+
+
+@dataclass(frozen=True)
+class Composites:
+    """Samples ``image`` [S, S, 3] uint8 RGB and ``mask`` [S, S] uint8 (255 = object)."""
+
+    seed: int
+    size: int
+    bank: Bank
+    backdrops: tuple[Backdrop, ...] = ()
+    backdrop_share: float = 0.0
+
+    def sample(self, index: int) -> tuple[Image, Image]:
+        """Draw one sample; the same seed and index always give the same one."""
+        rng = np.random.default_rng((self.seed, index))
+        side = self.size * SUPERSAMPLE
+        if self.backdrops and rng.random() < self.backdrop_share:
+            backdrop = self.backdrops[int(rng.integers(len(self.backdrops)))]
+            image, mask = traced_scene(rng, side, self.bank, backdrop)
+        elif rng.random() < ORGANIC_SHARE:
+            image, mask = organic_scene(rng, side, self.bank)
+        else:
+            image, mask = desk_scene(rng, side, self.bank)
+        small = (self.size, self.size)
+        image = cv2.resize(image, small, interpolation=cv2.INTER_AREA)
+        mask = cv2.resize(mask, small, interpolation=cv2.INTER_AREA)
+        return image, mask
+
+
+def desk_scene(rng: np.random.Generator, side: int, bank: Bank) -> tuple[Image, Image]:
+    """Draw an object on a desk, seen from somewhere above it."""
+    recipe = OBJECTS[int(rng.integers(len(OBJECTS)))]
+    thing = recipe(rng, Paint.random(rng))
+    camera = look_at(rng, side, thing)
+    canvas = Canvas(side, camera, Light.random(rng), bank, rng)
+    canvas.wall()
+    canvas.plane("desk", rng.uniform(4, 9), 0.0)
+    for _ in range(int(rng.integers(0, 9))):
+        canvas.sheet(rng.normal(0, 1.6, 2), rng.uniform(0.3, 1.6, 2))
+    others = place_clutter(rng, camera, int(rng.integers(0, 14)))
+    canvas.shadows([*thing, *(f for faces in others for f in faces)])
+    draw_in_order(canvas, thing, others)
+    return canvas.image, canvas.mask
+
+
+def traced_scene(
+    rng: np.random.Generator, side: int, bank: Bank, backdrop: Backdrop
+) -> tuple[Image, Image]:
+    """Draw an object, and at times painted clutter around it, on a path-traced desk."""
+    thing = OBJECTS[int(rng.integers(len(OBJECTS)))](rng, Paint.random(rng))
+    camera = backdrop.camera(side, float(rng.uniform(9, 15)))
+    canvas = Canvas(side, camera, Light.random(rng), bank, rng)
+    canvas.image = backdrop.on_canvas(side)
+    others = place_clutter(rng, camera, int(rng.integers(0, 5)))
+    canvas.shadows([*thing, *(f for faces in others for f in faces)])
+    draw_in_order(canvas, thing, others)
+    return canvas.image, canvas.mask
+
+
+def draw_in_order(canvas: Canvas, thing: list[Face], others: list[list[Face]]) -> None:
+    """Draw the farther clutter, the object, the nearer clutter."""
+    eye = canvas.camera.eye
+    far = [float(np.linalg.norm(faces[0].contours[0].mean(0) - eye)) for faces in others]
+    reach = float(np.linalg.norm(eye))
+    order = sorted(range(len(others)), key=lambda i: -far[i])
+    for i in order:
+        if far[i] >= reach:
+            canvas.draw(others[i], is_object=False)
+    if canvas.rng.random() < 0.3:
+        canvas.blur(float(canvas.rng.uniform(0.5, 2.0)))
+    canvas.draw(thing, is_object=True)
+    for i in order:
+        if far[i] < reach:
+            canvas.draw(others[i], is_object=False)
+
+
+def look_at(rng: np.random.Generator, side: int, thing: list[Face]) -> Camera:
+    """Put a camera on an orbit so that the whole object is in the frame, near its middle."""
+    points = np.concatenate([face.contours[0] for face in thing])
+    middle = (points.min(0) + points.max(0)) / 2
+    azimuth, elevation = rng.uniform(0, 2 * np.pi), np.radians(rng.uniform(8, 70))
+    backward = np.array(
+        [
+            np.cos(azimuth) * np.cos(elevation),
+            np.sin(azimuth) * np.cos(elevation),
+            np.sin(elevation),
+        ]
+    )
+    focal, aspect = rng.uniform(0.9, 2.2), ASPECTS[int(rng.integers(len(ASPECTS)))]
+    radius = float(np.linalg.norm(points - middle, axis=1).max())
+    target = middle + rng.normal(0, 0.12, 3) * radius
+    eye = target + backward * radius * focal * 2.5
+    camera = Camera.facing(eye, target, side, focal, aspect, rng.normal(0, 0.06))
+    # move along the view axis until the object spans the wanted share of the frame
+    wanted = rng.uniform(0.5, 0.97)
+    for _ in range(4):
+        pixels, _ = camera.project(points)
+        span = float(np.abs(pixels / side - 0.5).max()) * 2
+        eye = target + (eye - target) * np.clip(span / wanted, 0.5, 2.0)
+        camera = Camera.facing(eye, target, side, focal, aspect, camera.roll)
+    return camera
+
+
+def place_clutter(rng: np.random.Generator, camera: Camera, count: int) -> list[list[Face]]:
+    """Spread other things on the desk, outside the object's own circle."""
+    placed = []
+    for _ in range(count):
+        angle = rng.uniform(0, 2 * np.pi)
+        distance = 1.15 + rng.exponential(0.7)
+        spot = distance * np.array([np.cos(angle), np.sin(angle), 0])
+        toward_eye = float(spot[:2] @ camera.eye[:2]) / float(np.linalg.norm(camera.eye[:2]) + 1e-9)
+        if toward_eye > 0.6 * distance and rng.random() < 0.85:
+            spot = -spot  # seldom in front of the object
+        faces = clutter(rng)
+        for face in faces:
+            face.contours = [contour + spot for contour in face.contours]
+        placed.append(faces)
+    return placed

@@ -1,0 +1,291 @@
+"""One attempt at a reconstruction, from key points to points; and the second one, if need be.
+
+Runs in the worker process. Every step up from the usual way is recorded as a fallback.
+"""
+
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mattgs_ops.config import SfmConfig
+from mattgs_ops.errors import StageError
+from mattgs_ops.progress import Progress
+from mattgs_ops.sfm.colmap import features, guided_matching, mapping, matching
+from mattgs_ops.sfm.colmap.features import Features
+from mattgs_ops.sfm.colmap.job import DATABASE_FILE, KEYPOINTS_FILE, MODEL_FOLDER, Answer, Job
+from mattgs_ops.sfm.colmap.matching import Matches, Pair, Verified
+
+# Each step's share of the work, for one bar over all of them (measured at 48 views, 640×480)
+SHARES = {"extract": 0.3, "match": 0.5, "map": 0.1, "guide": 0.07, "triangulate": 0.03}
+UNITS = 1000
+# Below this share of registered views, a second attempt is made with more key points:
+MOST_VIEWS = 0.95
+MORE = 2  # times as many are kept, and fainter ones are sought
+
+Pairs = dict[Pair, Verified]
+Rows = list[NDArray[np.int64]]
+
+
+@dataclass
+class Attempt:
+    """An attempt under way: its settings, what it says outside, what it remembers."""
+
+    job: Job
+    config: SfmConfig
+    answer: Answer
+    progress: Progress
+    start: float = 0.0
+
+    @property
+    def folder(self) -> Path:
+        """Where the worker's files go."""
+        return Path(self.job.workspace)
+
+    @contextmanager
+    def step(self, name: str) -> Iterator[None]:
+        """Time a step and move the bar to its start."""
+        began, worked = time.perf_counter(), time.process_time()
+        steps = list(SHARES)
+        self.start = sum(SHARES[s] for s in steps[: steps.index(name)])
+        yield
+        for seconds, spent in (
+            (self.answer.seconds, time.perf_counter() - began),
+            (self.answer.cpu_seconds, time.process_time() - worked),
+        ):
+            seconds[name] = seconds.get(name, 0.0) + spent
+
+    def tell(self, name: str, done: int, total: int, note: str) -> None:
+        """Report ``done`` of ``total`` units of a step."""
+        units = round(UNITS * (self.start + SHARES[name] * done / max(total, 1)))
+        self.progress(units, UNITS, f"{name}: {note}")
+
+
+def run(job: Job, progress: Progress) -> Answer:
+    """Do the whole job; the model lands in ``<workspace>/model``.
+
+    When fewer than 95 % of the views are registered, a second attempt seeks fainter key points at
+    twice the photos' size and keeps twice as many, which takes several times as long; the better of
+    both attempts is kept.
+    """
+    import pycolmap
+
+    config = job.sfm
+    pycolmap.set_random_seed(config.seed)
+    first = Attempt(job, config, Answer(config.mode, threads=job.threads), progress)
+    failure: StageError | None = None
+    try:
+        attempt(first)
+    except StageError as error:
+        failure = error
+    best = first.answer
+    wanted = MOST_VIEWS * len(job.views)
+    if len(best.registered) < wanted and not job.poses_known:
+        reason = f"{len(best.registered)} of {len(job.views)} views registered"
+        again = Answer(config.mode, threads=job.threads)
+        again.seconds, again.cpu_seconds = dict(best.seconds), dict(best.cpu_seconds)
+        again.fallbacks = [*best.fallbacks, f"{reason}: more and fainter key points sought"]
+        try:
+            attempt(Attempt(job, _with_more(config), again, progress), better_than=best)
+            failure = None
+        except StageError as error:
+            failure = failure and error
+        if len(again.registered) > len(best.registered):
+            best = again
+        else:
+            best.seconds, best.cpu_seconds = again.seconds, again.cpu_seconds
+            best.fallbacks = [*again.fallbacks, "no more views registered that way; not used"]
+    if failure is not None:
+        raise failure
+    note = f"{len(best.registered)} of {len(job.views)} views, {best.points} points"
+    progress(UNITS, UNITS, note)
+    return best
+
+
+def _with_more(config: SfmConfig) -> SfmConfig:
+    changes = {
+        "upsample": True,
+        "max_features": MORE * config.max_features,
+        "peak_threshold": features.FAINT * config.peak_threshold,
+    }
+    return config.model_copy(update=changes)
+
+
+def attempt(state: Attempt, better_than: Answer | None = None) -> None:
+    """Reconstruct once; write model and key points unless ``better_than`` has as many views."""
+    with state.step("extract"):
+        found = _extract(state)
+    model = _reconstruct(state, [f.of_mode(state.answer.mode) for f in found])
+    answer = state.answer
+    answer.registered = [
+        state.job.views[number - 1].name for number in sorted(model.reg_image_ids())
+    ]
+    answer.points = model.num_points3D()
+    if answer.points:
+        answer.reprojection_error = float(model.compute_mean_reprojection_error())
+    if better_than is None or len(answer.registered) > len(better_than.registered):
+        folder = state.folder / MODEL_FOLDER
+        folder.mkdir(exist_ok=True)
+        model.write_binary(folder)
+        _write_keypoints(state, found)
+
+
+def _extract(state: Attempt) -> list[Features]:
+    """Climb the ladder until the object has key points enough."""
+    job, answer = state.job, state.answer
+    found: list[Features] = []
+    for reason, how in features.ladder(state.config):
+        if reason is not None:
+            if features.enough(found) or answer.mode == "original":
+                break
+            answer.fallbacks.append(f"too few key points inside masks: {reason}")
+        found = features.extract(
+            job.views,
+            state.config,
+            how,
+            job.threads,
+            lambda done, total, note: state.tell("extract", done, total, note),
+        )
+    if answer.mode == "masked" and not features.enough(found):
+        answer.mode = "shared"
+        answer.fallbacks.append("too few key points inside masks: mode shared instead of masked")
+    for view, f in zip(job.views, found, strict=True):
+        answer.keypoints[view.name] = f.found
+    answer.used = {
+        "whole": sum(int(f.whole.sum()) for f in found),
+        "masked": sum(int(f.masked.sum()) for f in found),
+    }
+    return found
+
+
+def _write_keypoints(state: Attempt, found: Sequence[Features]) -> None:
+    np.savez(
+        state.folder / KEYPOINTS_FILE,
+        names=np.array([view.name for view in state.job.views]),
+        counts=np.array([len(f.inside) for f in found]),
+        xy=np.concatenate([f.keypoints[:, :2] for f in found]),
+        inside=np.concatenate([f.inside for f in found]),
+    )
+
+
+def _sets(found: Sequence[Features], mode: str) -> dict[str, list[NDArray[np.int64]]]:
+    """Return the sets of key points that a mode matches, as rows of each view's key points."""
+    whole = [np.flatnonzero(f.whole) for f in found]
+    masked = [np.flatnonzero(f.masked) for f in found]
+    return {
+        "original": {"whole": whole},
+        "masked": {"masked": masked},
+        "shared": {"whole": whole, "masked": masked},
+    }[mode]
+
+
+def _match(state: Attempt, found: Sequence[Features], cameras: Sequence[Any]) -> Pairs:
+    """Match by looks what poses are to come from: whole photos, or their masked key points."""
+    config, job, answer = state.config, state.job, state.answer
+    name, rows = next(iter(_sets(found, answer.mode).items()))
+    descriptors = [f.descriptors[r] for f, r in zip(found, rows, strict=True)]
+    with state.step("match"):
+        pairs = matching.choose_pairs(descriptors, config)
+        out = matching.match_and_verify(
+            pairs,
+            descriptors,
+            rows,
+            [f.positions for f in found],
+            cameras,
+            config.seed,
+            job.threads,
+            lambda done, total, note: state.tell("match", done, total, note),
+        )
+    answer.pairs[name] = len(pairs)
+    answer.matches[name] = sum(len(v.matches) for v in out.values())
+    if not out:
+        raise StageError(
+            f"matching: none of {len(pairs)} pairs of views shows the same scene "
+            f"({matching.LEAST_MATCHES} or more consistent matches); expected overlapping "
+            "photos of a textured, unmoving scene"
+        )
+    return out
+
+
+def _guide(
+    state: Attempt, found: Sequence[Features], model: Any, name: str, rows: Rows
+) -> dict[Pair, Matches]:
+    """Match a set of key points along the epipolar lines of known poses."""
+    with state.step("guide"):
+        cameras = mapping.posed(model)
+        pairs = matching.facing(cameras)
+        out = guided_matching.match_guided(
+            pairs,
+            [f.descriptors[r] for f, r in zip(found, rows, strict=True)],
+            rows,
+            {n: mapping.rays_of(model, n, found[n].positions[rows[n]]) for n in cameras},
+            cameras,
+            state.job.threads,
+            lambda done, total, note: state.tell("guide", done, total, note),
+        )
+    name = f"{name} guided"
+    state.answer.pairs[name] = len(pairs)
+    state.answer.matches[name] = sum(map(len, out.values()))
+    return out
+
+
+def _reconstruct(state: Attempt, found: Sequence[Features]) -> Any:
+    """Find poses where they are not known, then points."""
+    job, mode = state.job, state.answer.mode
+    positions = [f.positions for f in found]
+    cameras = mapping.build_cameras(job.views, state.config)
+    database, photos = state.folder / DATABASE_FILE, Path(job.views[0].photo).parent
+    known = all(view.intrinsics is not None for view in job.views)
+    options = mapping.pipeline_options(state.config, intrinsics_known=known)
+    sets = _sets(found, mode)
+    matches: dict[Pair, Matches] = {}
+    if job.poses_known:
+        model = mapping.with_poses(job.views, cameras)
+    else:
+        pairs = _match(state, found, cameras)
+        mapping.write_database(database, job.views, cameras, positions, pairs)
+        model = _map(state, database, photos, options, known=known)
+        if mode != "shared":
+            return model
+        matches = {pair: verified.matches for pair, verified in pairs.items()}
+        sets.pop("whole")
+    for name, rows in sets.items():
+        matches = matching.united(matches, _guide(state, found, model, name, rows))
+    if not matches:
+        state.answer.fallbacks.append("no pair of views matches along epipolar lines")
+        return model
+    with state.step("triangulate"):
+        mapping.write_database(database, job.views, cameras, positions, matches)
+        state.tell("triangulate", 0, 1, "points with poses held fixed")
+        out = state.folder / "triangulated"
+        return mapping.triangulate(model, database, photos, out, options)
+
+
+def _map(state: Attempt, database: Path, photos: Path, options: Any, *, known: bool) -> Any:
+    views, out = len(state.job.views), state.folder / "mapped"
+    with state.step("map"):
+        if state.config.mapper == "global":
+            state.tell("map", 0, 1, "globally")
+            models = mapping.global_(database, photos, out, state.config, known=known)
+        else:
+            models = mapping.incremental(
+                database,
+                photos,
+                out,
+                options,
+                views,
+                lambda n: state.tell("map", n, views, f"{n} of {views} views registered"),
+            )
+    if not models:
+        raise StageError(
+            "structure-from-motion: no two views could be placed relative to each other; expected "
+            "photos from different positions of a textured, unmoving scene"
+        )
+    state.answer.models = len(models)
+    state.answer.mapped_points = models[0].num_points3D()
+    return models[0]

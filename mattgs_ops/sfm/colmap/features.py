@@ -1,0 +1,181 @@
+"""SIFT key points of whole photos, each marked as inside or outside the object's mask.
+
+SIFT (Lowe 2004, in COLMAP's implementation) always sees the whole photo: a mask filters key points
+after detection, so that the mask's own edge never becomes a key point. One extraction therefore
+serves every mode, and says how many key points masking saves. Runs in the worker process.
+"""
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mattgs_ops.config import SfmConfig
+from mattgs_ops.errors import InputError
+from mattgs_ops.sfm.colmap.job import JobView
+
+# One step of the ladder for textureless objects: COLMAP's peak threshold (0.02 / 3) divided by 4
+# finds the faint blobs that the default leaves out.
+FAINT = 0.25
+# … and the mask grown by this share of the longest side, for features on the object's outline.
+GROWTH = 0.02
+# COLMAP registers an image on 30 inliers; twice as many key points are the least to hope for.
+FEW_KEYPOINTS = 60
+ENOUGH_VIEWS = 0.9  # the ladder is climbed until this share of views has more than that
+
+
+@dataclass(frozen=True)
+class Features:
+    """Key points of one photo, largest scale first.
+
+    ``keypoints`` [K, 4] float32: x, y, scale, orientation in pixels of the photo; ``descriptors``
+    [K, 128] uint8 of length 512; ``inside`` [K] bool: on the object. ``whole`` and ``masked`` [K]
+    bool are the two sets that are matched, of the photo and of the object alone; ``found`` counts
+    what there was before the sets were capped, in the photo and on the object.
+    """
+
+    keypoints: NDArray[np.float32]
+    descriptors: NDArray[np.uint8]
+    inside: NDArray[np.bool_]
+    whole: NDArray[np.bool_]
+    masked: NDArray[np.bool_]
+    found: tuple[int, int]
+
+    @property
+    def positions(self) -> NDArray[np.float64]:
+        """Pixels of the key points, [K, 2]."""
+        return self.keypoints[:, :2].astype(np.float64)
+
+    def of_mode(self, mode: str) -> "Features":
+        """Return the key points that a mode may use: ``original``, ``masked``, or ``shared``."""
+        keep = {"original": self.whole, "masked": self.masked}.get(mode, self.whole | self.masked)
+        return Features(
+            self.keypoints[keep],
+            self.descriptors[keep],
+            self.inside[keep],
+            self.whole[keep],
+            self.masked[keep],
+            self.found,
+        )
+
+
+@dataclass(frozen=True)
+class Extraction:
+    """How key points are sought: SIFT's peak threshold, and the growth of masks in pixels."""
+
+    peak_threshold: float
+    grow_share: float = 0.0
+
+
+def ladder(config: SfmConfig) -> list[tuple[str | None, Extraction]]:
+    """Return the extractions to try in order, each with what is said when it is needed."""
+    usual, faint = config.peak_threshold, config.peak_threshold * FAINT
+    return [
+        (None, Extraction(usual)),
+        (f"SIFT peak threshold lowered from {usual:.4f} to {faint:.4f}", Extraction(faint)),
+        (
+            f"masks grown by {GROWTH:.0%} of the longest side for finding key points",
+            Extraction(faint, GROWTH),
+        ),
+    ]
+
+
+def enough(features: list[Features]) -> bool:
+    """Say whether enough views have enough key points inside their masks."""
+    counts = [f.found[1] for f in features]
+    return sum(c >= FEW_KEYPOINTS for c in counts) >= ENOUGH_VIEWS * len(counts)
+
+
+def extract(
+    views: tuple[JobView, ...],
+    config: SfmConfig,
+    how: Extraction,
+    threads: int,
+    tell: Callable[[int, int, str], None],
+) -> list[Features]:
+    """Extract every view's key points; the same bits for any number of threads."""
+    import pycolmap
+
+    options = pycolmap.FeatureExtractionOptions()
+    options.use_gpu = False
+    options.num_threads = 1
+    options.sift.max_num_features = SIFT_CAP
+    options.sift.first_octave = -1 if config.upsample else 0
+    options.sift.peak_threshold = how.peak_threshold
+
+    def one(view: JobView) -> Features:
+        # an extractor keeps state between calls and is not shared between threads
+        extractor = pycolmap.FeatureExtractor.create(options, pycolmap.Device.cpu)
+        grey, scale = read_grey(Path(view.photo), config.max_image_size)
+        found, descriptors = extractor.extract(pycolmap.Bitmap.from_array(grey))
+        keypoints = pycolmap.keypoints_to_matrix(found).astype(np.float32).reshape(-1, 4)
+        keypoints[:, :3] *= scale
+        inside = inside_mask(Path(view.mask), keypoints, how.grow_share)
+        data = np.asarray(descriptors.data, dtype=np.uint8).reshape(-1, 128)
+        return select(keypoints, data, inside, config.max_features)
+
+    out: list[Features] = []
+    with ThreadPoolExecutor(threads) as pool:
+        for view, features in zip(views, pool.map(one, views), strict=True):
+            out.append(features)
+            tell(len(out), len(views), f"{features.found[0]} key points in {view.name}")
+    return out
+
+
+# SIFT itself may find more than are kept: the choice among them is ours
+SIFT_CAP = 32_768
+
+
+def select(
+    keypoints: NDArray[np.float32],
+    descriptors: NDArray[np.uint8],
+    inside: NDArray[np.bool_],
+    limit: int,
+) -> Features:
+    """Keep the ``limit`` key points of largest scale of the photo, and as many of the object.
+
+    Large scales are the ones that repeat between views (COLMAP caps in that order as well).
+    """
+    order = np.argsort(-keypoints[:, 2], kind="stable")
+    on_object = inside[order]
+    whole = np.arange(len(order)) < limit
+    masked = on_object & (np.cumsum(on_object) <= limit)
+    kept = whole | masked
+    rows = order[kept]
+    found = (len(order), int(on_object.sum()))
+    return Features(
+        keypoints[rows], descriptors[rows], on_object[kept], whole[kept], masked[kept], found
+    )
+
+
+def read_grey(path: Path, longest: int) -> tuple[NDArray[np.uint8], float]:
+    """Read a photo as grey, no side longer than ``longest``; also return photo size / its size."""
+    grey = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    if grey is None:
+        raise InputError(f"{path}: expected a readable photo")
+    height, width = grey.shape
+    if max(height, width) <= longest:
+        return np.asarray(grey, dtype=np.uint8), 1.0
+    scale = max(height, width) / longest
+    size = (max(1, round(width / scale)), max(1, round(height / scale)))
+    small = cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
+    return np.asarray(small, dtype=np.uint8), width / size[0]
+
+
+def inside_mask(path: Path, keypoints: NDArray[np.float32], grow: float) -> NDArray[np.bool_]:
+    """Say which key points [K, 4] fall on the mask, grown by ``grow`` of its longest side."""
+    mask = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    if mask is None:
+        raise InputError(f"{path}: expected a readable mask")
+    height, width = mask.shape
+    if grow:
+        radius = max(1, round(grow * max(height, width)))
+        ball = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
+        mask = cv2.dilate(mask, ball)
+    x = np.clip(keypoints[:, 0].astype(np.int64), 0, width - 1)
+    y = np.clip(keypoints[:, 1].astype(np.int64), 0, height - 1)
+    return np.asarray(mask[y, x] > 0)

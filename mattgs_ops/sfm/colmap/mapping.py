@@ -1,0 +1,225 @@
+"""COLMAP's database, its mappers, and triangulation with known poses. Worker process only.
+
+One thread and one seed: mapping several images at once is faster but not reproducible.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mattgs_ops.capture.camera import Camera, Intrinsics
+from mattgs_ops.config import SfmConfig
+from mattgs_ops.errors import StageError
+from mattgs_ops.sfm.colmap.job import JobView
+from mattgs_ops.sfm.colmap.matching import Matches, Pair, Verified
+
+FOCAL_GUESS = 1.2  # times the longest side, COLMAP's first guess where nothing is known
+SMALLEST_MODEL = 3  # views; fewer are no model
+FOCAL_RANGE = (0.1, 10.0)
+
+
+def build_cameras(views: Sequence[JobView], config: SfmConfig) -> list[Any]:
+    """Return each view's pycolmap camera; views of one size, or one known pinhole, share one."""
+    import pycolmap
+
+    shared: dict[tuple[Any, ...], Any] = {}
+    out = []
+    for view in views:
+        key = (view.width, view.height, view.intrinsics)
+        if key not in shared:
+            number = len(shared) + 1
+            if view.intrinsics is None:
+                guess = FOCAL_GUESS * max(view.width, view.height)
+                camera = pycolmap.Camera.create_from_model_name(
+                    number, config.camera_model, guess, view.width, view.height
+                )
+            else:
+                camera = pycolmap.Camera.create_from_model_name(
+                    number, "PINHOLE", view.intrinsics[0], view.width, view.height
+                )
+                camera.params = list(view.intrinsics)
+                camera.has_prior_focal_length = True
+            shared[key] = camera
+        out.append(shared[key])
+    return out
+
+
+def write_database(
+    path: Path,
+    views: Sequence[JobView],
+    cameras: Sequence[Any],
+    positions: Sequence[NDArray[np.float64]],
+    pairs: Mapping[Pair, Verified] | Mapping[Pair, Matches],
+) -> None:
+    """Write a fresh database: view ``i`` is image ``i + 1`` under its file's name.
+
+    Raises :class:`StageError` when the database does not hold what was asked for.
+    """
+    import pycolmap
+
+    path.unlink(missing_ok=True)
+    database = pycolmap.Database.open(path)
+    for camera in {c.camera_id: c for c in cameras}.values():
+        database.write_camera(camera, use_camera_id=True)
+        rig = pycolmap.Rig(rig_id=camera.camera_id)
+        rig.add_ref_sensor(camera.sensor_id)
+        database.write_rig(rig, use_rig_id=True)
+    for number, (view, camera, xy) in enumerate(zip(views, cameras, positions, strict=True), 1):
+        image = pycolmap.Image(
+            name=Path(view.photo).name, camera_id=camera.camera_id, image_id=number
+        )
+        database.write_image(image, use_image_id=True)
+        frame = pycolmap.Frame(frame_id=number, rig_id=camera.camera_id)
+        frame.add_data_id(image.data_id)
+        database.write_frame(frame, use_frame_id=True)
+        database.write_keypoints(number, xy.astype(np.float32))
+    for (i, j), found in pairs.items():
+        if isinstance(found, Verified):
+            geometry, matches = found.geometry, found.matches
+        else:
+            geometry, matches = pycolmap.TwoViewGeometry(), found
+            geometry.config = pycolmap.TwoViewGeometryConfiguration.CALIBRATED
+            geometry.inlier_matches = matches
+        database.write_matches(i + 1, j + 1, matches)
+        database.write_two_view_geometry(i + 1, j + 1, geometry)
+    asked = (len(views), sum(len(xy) for xy in positions), len(pairs))
+    found_counts = (
+        database.num_images(),
+        database.num_keypoints(),
+        database.num_verified_image_pairs(),
+    )
+    database.close()
+    if asked != found_counts:
+        raise StageError(
+            f"{path.name}: expected {asked} images, key points and pairs, found {found_counts}"
+        )
+
+
+def pipeline_options(config: SfmConfig, *, intrinsics_known: bool) -> Any:
+    """Return the options of the incremental mapper and of triangulation."""
+    import pycolmap
+
+    options = pycolmap.IncrementalPipelineOptions()
+    options.num_threads = 1
+    options.random_seed = config.seed
+    options.mapper.num_threads = 1
+    options.mapper.random_seed = config.seed
+    options.triangulation.random_seed = config.seed
+    options.min_model_size = SMALLEST_MODEL
+    if intrinsics_known:
+        options.ba_refine_focal_length = False
+        options.ba_refine_extra_params = False
+        options.mapper.abs_pose_refine_focal_length = False
+        options.mapper.abs_pose_refine_extra_params = False
+    return options
+
+
+def incremental(
+    database: Path, photos: Path, out: Path, options: Any, views: int, tell: Callable[[int], None]
+) -> list[Any]:
+    """Map incrementally (Schönberger & Frahm 2016); returns the models, largest first.
+
+    ``tell`` is called with the number of views registered so far.
+    """
+    import pycolmap
+
+    out.mkdir(parents=True, exist_ok=True)
+    count = 0
+
+    def start() -> None:
+        nonlocal count
+        count = 2
+        tell(count)
+
+    def following() -> None:
+        nonlocal count
+        count = min(count + 1, views)
+        tell(count)
+
+    models = pycolmap.incremental_mapping(database, photos, out, options, "", start, following)
+    return _largest_first(models)
+
+
+def global_(
+    database: Path, photos: Path, out: Path, config: SfmConfig, *, known: bool
+) -> list[Any]:
+    """Map globally (Pan et al. 2024, GLOMAP); returns the models, largest first."""
+    import pycolmap
+
+    out.mkdir(parents=True, exist_ok=True)
+    options = pycolmap.GlobalPipelineOptions()
+    options.num_threads = 1
+    options.random_seed = config.seed
+    options.mapper.num_threads = 1
+    options.mapper.random_seed = config.seed
+    options.mapper.global_positioning.use_gpu = False
+    options.mapper.bundle_adjustment.ceres.use_gpu = False
+    options.mapper.bundle_adjustment.refine_focal_length = not known
+    options.mapper.bundle_adjustment.refine_extra_params = not known
+    if not known:
+        pycolmap.calibrate_view_graph(database)
+    return _largest_first(pycolmap.global_mapping(database, photos, out, options))
+
+
+def with_poses(views: Sequence[JobView], cameras: Sequence[Any]) -> Any:
+    """Return a reconstruction without points from views whose poses are known."""
+    import pycolmap
+
+    model = pycolmap.Reconstruction()
+    for camera in {c.camera_id: c for c in cameras}.values():
+        model.add_camera_with_trivial_rig(camera)
+    for number, (view, camera) in enumerate(zip(views, cameras, strict=True), 1):
+        if view.pose is None:
+            continue
+        rotation = np.array(view.pose[:9]).reshape(3, 3)
+        pose = pycolmap.Rigid3d(pycolmap.Rotation3d(rotation), np.array(view.pose[9:]))
+        image = pycolmap.Image(
+            name=Path(view.photo).name, camera_id=camera.camera_id, image_id=number
+        )
+        model.add_image_with_trivial_frame(image, pose)
+    return model
+
+
+def posed(model: Any) -> dict[int, Camera]:
+    """Return the cameras of a reconstruction's views by their places, lenses left aside."""
+    out = {}
+    for number in sorted(model.reg_image_ids()):
+        image = model.image(number)
+        lens, pose = image.camera, image.cam_from_world().matrix()
+        intrinsics = Intrinsics(
+            lens.width,
+            lens.height,
+            lens.focal_length_x,
+            lens.focal_length_y,
+            lens.principal_point_x,
+            lens.principal_point_y,
+        )
+        out[number - 1] = Camera(intrinsics, pose[:, :3].copy(), pose[:, 3].copy())
+    return out
+
+
+def rays_of(model: Any, view: int, positions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return pixels [K, 2] of a view on the normalised image plane, distortion removed."""
+    if not len(positions):
+        return positions
+    return np.asarray(model.image(view + 1).camera.cam_from_img(positions), dtype=np.float64)
+
+
+def triangulate(model: Any, database: Path, photos: Path, out: Path, options: Any) -> Any:
+    """Triangulate all points anew with poses and intrinsics held fixed."""
+    import pycolmap
+
+    out.mkdir(parents=True, exist_ok=True)
+    return pycolmap.triangulate_points(
+        model, database, photos, out, clear_points=True, options=options, refine_intrinsics=False
+    )
+
+
+def _largest_first(models: Mapping[int, Any]) -> list[Any]:
+    found = sorted(
+        models.items(), key=lambda kv: (-kv[1].num_reg_images(), -kv[1].num_points3D(), kv[0])
+    )
+    return [model for _, model in found]

@@ -1,0 +1,176 @@
+"""Which pairs of views to compare, their matches, and what epipolar geometry leaves of them.
+
+Descriptors are compared by brute force: nearest neighbour in both directions (cross check) and
+Lowe's ratio test, by angle between descriptors as in COLMAP's own matcher, whose answers these are.
+All inner products are of whole numbers below 2²⁴, exact in float32, so that no order of summation
+and no number of threads changes a match. Verification is COLMAP's, seeded. Worker process only.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mattgs_ops.capture.camera import Camera
+from mattgs_ops.config import SfmConfig
+
+Pair = tuple[int, int]
+Matches = NDArray[np.uint32]  # [M, 2] rows of the two views' key points
+
+RATIO, FARTHEST = 0.8, 0.7  # COLMAP's defaults: Lowe's ratio, and the largest angle in radians
+DESCRIPTOR_LENGTH = 512.0  # SIFT descriptors are unit vectors times 512, rounded
+LEAST_MATCHES = 15  # COLMAP's default for keeping a pair
+OVERLAP = 10  # neighbours in a sequence that are always compared
+ALIKE = 12  # pairs per view found by looks
+PREVIEW_FEATURES = 256  # the largest-scale features repeat best (Wu 2013, preemptive matching)
+# Farther apart than this, two views of one object share next to nothing that SIFT can match.
+WIDEST_ANGLE = 75.0
+
+
+@dataclass(frozen=True)
+class Verified:
+    """A pair's geometry as COLMAP found it, and its inlier matches [M, 2]."""
+
+    geometry: Any  # pycolmap.TwoViewGeometry
+    matches: Matches
+
+
+def exhaustive(views: int) -> list[Pair]:
+    """Return all pairs."""
+    return list(combinations(range(views), 2))
+
+
+def sequential(views: int) -> list[Pair]:
+    """Return each view's next neighbours, and ever farther ones at distances of powers of two."""
+    steps = sorted({*range(1, OVERLAP + 1), *(2**k for k in range(views.bit_length()))})
+    return [(i, i + d) for i in range(views) for d in steps if i + d < views]
+
+
+def alike(descriptors: Sequence[NDArray[np.uint8]]) -> list[Pair]:
+    """Return each view's pairs with the views that look most alike, found without a vocabulary.
+
+    Only the largest-scale features are compared, so that all pairs of hundreds of views cost
+    seconds; this is also how a sequence's loop is closed.
+    """
+    small = [d[:PREVIEW_FEATURES] for d in descriptors]  # sorted by scale
+    votes = np.zeros((len(small), len(small)), dtype=np.int64)
+    for i, j in exhaustive(len(small)):
+        votes[i, j] = votes[j, i] = len(match(small[i], small[j]))
+    pairs = set()
+    for i, row in enumerate(votes):
+        best = np.argsort(-row, kind="stable")[:ALIKE]
+        pairs |= {(min(i, int(j)), max(i, int(j))) for j in best if row[j] > 0}
+    return sorted(pairs)
+
+
+def facing(cameras: Mapping[int, Camera]) -> list[Pair]:
+    """Return the pairs of posed views whose lines of sight are within 75 degrees."""
+    least = np.cos(np.radians(WIDEST_ANGLE))
+    sight = {number: camera.rotation[2] for number, camera in cameras.items()}
+    pairs = combinations(sorted(sight), 2)
+    return [(i, j) for i, j in pairs if sight[i] @ sight[j] >= least]
+
+
+def choose_pairs(descriptors: Sequence[NDArray[np.uint8]], config: SfmConfig) -> list[Pair]:
+    """Return the pairs of unposed views to compare, (i, j) with i < j, sorted."""
+    views = len(descriptors)
+    matcher = config.matcher
+    if matcher == "auto":
+        matcher = "exhaustive" if views <= config.exhaustive_limit else "sequential"
+    if matcher == "exhaustive":
+        return exhaustive(views)
+    if matcher == "spatial":
+        return alike(descriptors)
+    return sorted({*sequential(views), *alike(descriptors)})
+
+
+def match(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> Matches:
+    """Match descriptors [N, 128] and [M, 128]; returns rows [K, 2], each row used at most once."""
+    if min(len(first), len(second)) < 2:
+        return np.zeros((0, 2), dtype=np.uint32)
+    a, b = first.astype(np.float32), second.astype(np.float32)
+    there = nearest(a @ b.T)
+    rows = np.flatnonzero(there >= 0)
+    if not len(rows):
+        return np.zeros((0, 2), dtype=np.uint32)
+    # the way back is asked of those few that were chosen; most columns never are
+    back = nearest(b[there[rows]] @ a.T)
+    rows = rows[back == rows]
+    return np.stack([rows, there[rows]], axis=1).astype(np.uint32)
+
+
+def nearest(products: NDArray[np.float32]) -> NDArray[np.int64]:
+    """Return each row's nearest column, or -1 where it is too far or the second is as near.
+
+    ``products`` [N, M] are inner products; they are used as scratch.
+    """
+    rows = np.arange(len(products))
+    column = products.argmax(axis=1)
+    best = products[rows, column]
+    products[rows, column] = -1.0
+    second = products.max(axis=1)
+    unit = DESCRIPTOR_LENGTH**2
+    near = np.arccos(np.clip(best / unit, -1, 1))
+    next_near = np.arccos(np.clip(second / unit, -1, 1))
+    good = (near <= FARTHEST) & (near < RATIO * next_near)
+    return np.where(good, column, -1)
+
+
+def match_and_verify(
+    pairs: Sequence[Pair],
+    descriptors: Sequence[NDArray[np.uint8]],
+    rows: Sequence[NDArray[np.int64]],
+    positions: Sequence[NDArray[np.float64]],
+    cameras: Sequence[Any],
+    seed: int,
+    threads: int,
+    tell: Callable[[int, int, str], None],
+) -> dict[Pair, Verified]:
+    """Match pairs and keep what one epipolar geometry explains; the same for any ``threads``.
+
+    Per view, ``descriptors`` [S, 128] belong to the key points ``rows`` [S] of all its key points
+    ``positions`` [K, 2] (pixels); matches are numbered among all. ``cameras`` are pycolmap's. Pairs
+    with fewer than 15 inliers    are left out; where nothing matches, all are.
+    """
+    import pycolmap
+
+    options = pycolmap.TwoViewGeometryOptions()
+    options.min_num_inliers = LEAST_MATCHES
+    options.ransac.random_seed = seed
+    options.ransac.num_threads = 1
+
+    def one(pair: Pair) -> Verified | None:
+        i, j = pair
+        found = match(descriptors[i], descriptors[j])
+        if len(found) < LEAST_MATCHES:
+            return None
+        found = np.stack([rows[i][found[:, 0]], rows[j][found[:, 1]]], axis=1).astype(np.uint32)
+        geometry = pycolmap.estimate_two_view_geometry(
+            cameras[i], positions[i], cameras[j], positions[j], found, options
+        )
+        inliers = np.asarray(geometry.inlier_matches, dtype=np.uint32).reshape(-1, 2)
+        return Verified(geometry, inliers) if len(inliers) >= LEAST_MATCHES else None
+
+    out: dict[Pair, Verified] = {}
+    with ThreadPoolExecutor(threads) as pool:
+        for done, (pair, verified) in enumerate(
+            zip(pairs, pool.map(one, pairs), strict=True), start=1
+        ):
+            if verified is not None:
+                out[pair] = verified
+            tell(done, len(pairs), f"{len(out)} of {done} pairs match")
+    return out
+
+
+def united(first: Mapping[Pair, Matches], second: Mapping[Pair, Matches]) -> dict[Pair, Matches]:
+    """Add the matches of ``second`` whose key points ``first`` does not match in that pair."""
+    out = dict(first)
+    for pair, extra in second.items():
+        known = out.get(pair, np.zeros((0, 2), dtype=np.uint32))
+        new = ~np.isin(extra[:, 0], known[:, 0]) & ~np.isin(extra[:, 1], known[:, 1])
+        out[pair] = np.concatenate([known, extra[new]])
+    return out

@@ -1,0 +1,132 @@
+"""What a training says about itself: ``training.json``.
+
+Loss terms are means over all training views of the finished splats, unrounded, full frame. They
+come by their own names because the paper's columns mix two scales:
+
+* ``l1``, ``ssim``, ``loss``: plain, the same for every method; ``loss`` is
+  ``(1 - λ) l1 + λ (1 - ssim)``;
+* ``paper_l1``: mean of A times the absolute difference, eq. 15, with A of eqs. 9–14 on the
+  training image; ``paper_loss`` the same with D-SSIM. Small because A is small, which says nothing
+  about the rendering;
+* ``optimised_loss``: what this method's optimiser saw.
+"""
+
+import json
+import resource
+import sys
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mattgs_ops.splat.attention import paper_attention
+from mattgs_ops.splat.gaussians import FLOATS_PER_SPLAT, Splats
+from mattgs_ops.splat.photos import Colour, StoredView
+from mattgs_ops.splat.rasterize import render
+from mattgs_ops.splat.ssim import photometric_loss
+from mattgs_ops.splat.training.trainer import Trainer
+
+SCHEMA = 1
+FILE = "training.json"
+# Parameters, gradients and two moments, twice while splats are added; and the engine's own
+# records of a projected splat.
+SPLAT_COPIES = 8
+ENGINE_BYTES_PER_SPLAT = 256
+VIEW_BYTES_PER_PIXEL = 4 + 3 + 4 + 4  # image and mask, photo, attention, weights of the loss
+STEP_BYTES_PER_PIXEL = 256  # rendering, target, gradient, SSIM's planes
+MIB = 1024.0 * 1024.0
+
+
+@dataclass(frozen=True)
+class TrainingReport:
+    """The content of ``training.json``; seconds are of the training loop alone.
+
+    ``wall_seconds`` and ``cpu_seconds`` leave out reading, checkpoints, curve and final scoring;
+    the parts of a resumed run add up. ``peak_memory_mib`` is the process's, libraries included;
+    ``memory_bound_mib`` was stated before the start and leaves those out.
+    """
+
+    schema: int
+    iterations: int
+    resolution: int
+    seed: int
+    threads: int
+    views: int
+    splats: int
+    starting_splats: int
+    starting_source: str
+    wall_seconds: float
+    cpu_seconds: float
+    calibration: float  # seconds of mattgs_ops.timing.calibration's workload, just before or after
+    laps: tuple[dict[str, float], ...]  # mattgs_ops.splat.training.laps; empty for a resumed run
+    resumed_from: int
+    extent: float
+    background: Colour  # behind the splats when they are scored
+    schedule: dict[str, float]
+    counters: dict[str, int]
+    loss_terms: dict[str, float]
+    peak_memory_mib: float
+    memory_bound_mib: float
+    digest: str
+
+    def save(self, folder: Path) -> None:
+        """Write ``folder/training.json``; it appears whole or not at all."""
+        partial = folder / f"{FILE}.part"
+        text = json.dumps(asdict(self), indent=1, sort_keys=True, allow_nan=False)
+        partial.write_text(text + "\n", encoding="utf-8")
+        partial.replace(folder / FILE)
+
+    @classmethod
+    def load(cls, folder: Path) -> "TrainingReport":
+        """Read ``folder/training.json``."""
+        data: dict[str, Any] = json.loads((folder / FILE).read_text(encoding="utf-8"))
+        data["background"], data["laps"] = tuple(data["background"]), tuple(data["laps"])
+        return cls(**data)
+
+
+def memory_bound(views: list[StoredView], max_splats: int) -> float:
+    """Return the MiB that training needs at most, without interpreter and libraries."""
+    pixels = [view.mask.size for view in views]
+    splats = max_splats * (FLOATS_PER_SPLAT * 4 * SPLAT_COPIES + ENGINE_BYTES_PER_SPLAT)
+    total = sum(pixels) * VIEW_BYTES_PER_PIXEL + max(pixels) * STEP_BYTES_PER_PIXEL + splats
+    return total / MIB
+
+
+def peak_memory() -> float:
+    """Return the most memory this process has held so far, MiB."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / MIB if sys.platform == "darwin" else peak / 1024.0  # bytes there, KiB here
+
+
+def loss_terms(trainer: Trainer, splats: Splats, colour: Colour) -> dict[str, float]:
+    """Return the terms that the module's docstring names, over all training views."""
+    share = trainer.config.ssim_lambda
+    rows = []
+    for index, view in enumerate(trainer.views):
+        rendering = render(splats, view.camera, colour, threads=trainer.threads)
+        image = rendering.image
+        target = trainer.target(view, colour)
+        found = photometric_loss(
+            image,
+            target,
+            ssim_lambda=share,
+            weight=trainer.weights(index),
+            weight_ssim=trainer.method.weight_ssim,
+            threads=trainer.threads,
+        )
+        difference = (image - target).abs().mean(dim=2).numpy()
+        dissimilar = 1 - found.ssim
+        paper = float((paper_attention(target.numpy()) * difference).mean(dtype=np.float64))
+        l1 = found.plain_l1
+        rows.append(
+            {
+                "l1": l1,
+                "ssim": found.ssim,
+                "loss": (1 - share) * l1 + share * dissimilar,
+                "paper_l1": paper,
+                "paper_loss": (1 - share) * paper + share * dissimilar,
+                "optimised_loss": found.loss + trainer.alpha_loss(index, rendering)[0],
+            }
+        )
+    return {name: float(np.mean([row[name] for row in rows])) for name in rows[0]}

@@ -1,0 +1,307 @@
+"""One step of training: render a view, compare, go back, move the splats; then add and remove.
+
+Gradients are analytic, from the engine; nothing here builds an autograd graph. The order within a
+step is gsplat's: Adam moves the splats first, then splats are added and removed, then opacities
+are reset when that is due.
+
+MATT-GS's pruning acts where splats are added and removed: those with opacity below
+``prune_opacity`` **and** an attention score below ``prune_attention`` go, unless opacities were
+reset less than half an interval ago (see :class:`~mattgs_ops.splat.training.schedule.Schedule`).
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from mattgs_ops.config import TrainConfig
+from mattgs_ops.errors import StageError
+from mattgs_ops.frozen import Background
+from mattgs_ops.method import MethodConfig
+from mattgs_ops.splat.alpha_loss import alpha_loss
+from mattgs_ops.splat.attention import attention_map, loss_weights, point_scores
+from mattgs_ops.splat.gaussians import Splats
+from mattgs_ops.splat.memory import Memory
+from mattgs_ops.splat.photos import (
+    WHITE,
+    Bytes,
+    Colour,
+    Floats,
+    StoredView,
+    background_colour,
+    recolour,
+)
+from mattgs_ops.splat.rasterize import Rendering, Seen, render
+from mattgs_ops.splat.ssim import photometric_loss
+from mattgs_ops.splat.training.checkpoint import TrainingState
+from mattgs_ops.splat.training.densify import (
+    Record,
+    faint_or_huge,
+    grow,
+    logit,
+    prune,
+    reset_opacity,
+)
+from mattgs_ops.splat.training.initialise import StartingPoints
+from mattgs_ops.splat.training.schedule import Schedule
+
+
+@dataclass(frozen=True)
+class StepResult:
+    """What a step saw before it moved the splats."""
+
+    loss: float  # as optimised
+    l1: float  # plain mean absolute difference
+    ssim: float
+    image: Tensor  # [H, W, 3] the rendering
+    target: Tensor  # [H, W, 3]
+
+    @property
+    def psnr(self) -> float:
+        """Peak signal-to-noise ratio in dB of the unrounded rendering."""
+        return _psnr(self.image, self.target)
+
+
+class Trainer:
+    """What stays the same from step to step; the running state is handed in."""
+
+    def __init__(
+        self,
+        views: Sequence[StoredView],
+        background: Background,
+        method: MethodConfig,
+        config: TrainConfig,
+        schedule: Schedule,
+        extent: float,
+        threads: int,
+    ) -> None:
+        self.views, self.background, self.method = views, background, method
+        self.config, self.schedule, self.extent, self.threads = config, schedule, extent, threads
+        self._maps: dict[int, Tensor] = {}
+        self._weights: dict[int, Tensor | None] = {}
+        self._memory = Memory()
+        self._rates = method.rates_in(schedule.iterations)
+        self._fixed_rates = {
+            "log_scales": self._rates * config.lr_scale,
+            "quaternions": self._rates * config.lr_rotation,
+            "opacity_logits": config.lr_opacity,
+            "sh_dc": self._rates * config.lr_sh_dc,
+            "sh_rest": self._rates * config.lr_sh_rest,
+        }
+
+    def attention(self, index: int) -> Tensor:
+        """Return the attention map of a view [H, W], computed once."""
+        if index not in self._maps:
+            view = self.views[index]
+            image, photo, mask = (_unit(a).numpy() for a in (view.image, view.photo, view.mask))
+            removed = self.background == "nobg"
+            found = attention_map(image, photo, mask, kind=self.method.attention, removed=removed)
+            self._maps[index] = torch.from_numpy(found)
+        return self._maps[index]
+
+    def attended(self, points: StartingPoints, fewest: int) -> NDArray[np.bool_]:
+        """Say which starting points have attention [P]; all, if fewer than ``fewest`` would.
+
+        Every point starts with the same opacity, so attention alone decides here.
+        """
+        maps = [self.attention(i).numpy() for i in range(len(self.views))]
+        scores, _ = point_scores(points.xyz, [view.camera for view in self.views], maps)
+        chosen = scores >= self.method.prune_attention
+        return chosen if int(chosen.sum()) >= fewest else np.ones_like(chosen)
+
+    def step(self, state: TrainingState) -> StepResult:
+        """Do one step; changes ``state``. Raises :class:`StageError` on NaN or infinity."""
+        step = state.step + 1
+        index = self._next_view(state)
+        view = self.views[index]
+        colour = self._colour(state)
+        target = self.target(view, colour, self._memory)
+        rendering = render(
+            state.splats,
+            view.camera,
+            colour,
+            sh_degree=self.schedule.degree(step),
+            threads=self.threads,
+            memory=self._memory,
+        )
+        loss = photometric_loss(
+            rendering.image,
+            target,
+            ssim_lambda=self.config.ssim_lambda,
+            weight=self.weights(index),
+            weight_ssim=self.method.weight_ssim,
+            threads=self.threads,
+            memory=self._memory,
+        )
+        alpha, grad_alpha = self.alpha_loss(index, rendering)
+        total = loss.loss + alpha
+        if not math.isfinite(total):
+            raise StageError(f"step {step}, view {view.name}: the loss is {total}")
+        try:
+            seen = self._descend(state, index, rendering, loss.grad, grad_alpha)
+        except StageError as error:
+            raise StageError(f"step {step}: {error}") from error
+        if self.schedule.observes(step):
+            self._observe(state, seen, rendering)
+        if self.schedule.densifies(step):
+            self._densify(state, step)
+        if self.schedule.resets(step):
+            reset_opacity(state.splats, state.adam)
+        state.step = step
+        return StepResult(total, loss.plain_l1, loss.ssim, rendering.image, target)
+
+    def _descend(
+        self,
+        state: TrainingState,
+        index: int,
+        rendering: Rendering,
+        grad: Tensor,
+        grad_alpha: Tensor | None,
+    ) -> Seen:
+        """Move the splats, with the sums per splat that the method needs and no others."""
+        method, step = self.method, state.step + 1
+        observed = self.schedule.observes(step)
+        blends = method.wants_blending and observed
+        share = self.schedule.rate_share(step, method.rates_final)
+        rates = {name: share * rate for name, rate in self._fixed_rates.items()}
+        rates["means"] = self._rates * self.schedule.position_rate(step)
+        return state.adam.descend(
+            rendering,
+            grad,
+            rates,
+            grad_alpha=grad_alpha,
+            pixel_map=self.attention(index) if blends else None,
+            statistics=blends or (observed and method.densify == "absolute"),
+            memory=self._memory,
+        )
+
+    def _observe(self, state: TrainingState, seen: Seen, rendering: Rendering) -> None:
+        """Note what this step saw of each splat, for the next densification."""
+        height, width = rendering.alpha.shape
+        absolute = self.method.densify == "absolute"
+        means2d = seen.means2d_abs if absolute else seen.means2d
+        state.record.observe(means2d, rendering.radii, width, height)
+        if self.method.wants_blending:
+            state.record.weight += seen.weight
+            state.record.attention += seen.weighted_map
+
+    def weights(self, index: int) -> Tensor | None:
+        """Return the L1 weights of a view [H, W], or None; computed once."""
+        if self.method.weighting == "none":
+            return None
+        if index not in self._weights:
+            mask = _unit(self.views[index].mask).numpy()
+            removed = self.background == "nobg"
+            found = loss_weights(self.attention(index).numpy(), mask, self.method, removed=removed)
+            self._weights[index] = None if found is None else torch.from_numpy(found)
+        return self._weights[index]
+
+    def alpha_loss(self, index: int, rendering: Rendering) -> tuple[float, Tensor | None]:
+        """Return the alpha loss of a view and dL/d alpha [H, W]; 0 and None where there is none."""
+        if self.method.alpha_loss == 0 or self.background == "original":
+            return 0.0, None
+        weight = self.weights(index) if self.method.weighting == "residual" else None
+        mask = _unit(self.views[index].mask)
+        return alpha_loss(rendering.alpha, mask, self.method.alpha_loss, weight)
+
+    def target(self, view: StoredView, colour: Colour, memory: Memory | None = None) -> Tensor:
+        """Return what a view should look like on ``colour`` [H, W, 3], in ``memory`` if given."""
+        image = _unit(view.image, memory)
+        if self.background == "original" or colour == WHITE:
+            return image
+        return torch.from_numpy(recolour(image.numpy(), _unit(view.mask).numpy(), colour))
+
+    def fixed_psnr(self, splats: Splats) -> float:
+        """Return PSNR in dB of the middle view, over the colour that splats are shown on."""
+        view, colour = self.views[len(self.views) // 2], background_colour(self.config)
+        image = render(splats, view.camera, colour, threads=self.threads).image
+        return _psnr(image, self.target(view, colour))
+
+    def _next_view(self, state: TrainingState) -> int:
+        if not state.order:
+            state.order = [int(i) for i in state.streams["order"].permutation(len(self.views))]
+        return state.order.pop()
+
+    def _colour(self, state: TrainingState) -> Colour:
+        if self.config.background == "random":
+            red, green, blue = state.streams["background"].random(3)
+            return float(red), float(green), float(blue)
+        return background_colour(self.config)
+
+    def _densify(self, state: TrainingState, step: int) -> None:
+        if self.schedule.settled(step):
+            self._prune_unattended(state)
+            self._prune_idle(state)
+        before = len(state.splats)
+        threshold = self.config.densify_gradient
+        if self.method.densify == "absolute":
+            threshold = self.method.absolute_threshold(self.background)
+        state.splats = grow(
+            state.splats,
+            state.adam,
+            state.record.gradients(self.method.densify_attention),
+            threshold,
+            self.config,
+            self.extent,
+            state.streams["split"],
+        )
+        state.count("added", len(state.splats) - before)
+        huge = 0 < self.schedule.reset_every < step
+        removed = faint_or_huge(state.splats, self.config, self.extent, huge=huge)
+        state.count("removed_faint_or_huge", int(removed.sum()))
+        state.splats = prune(state.splats, state.adam, removed)
+        if len(state.splats) == 0:
+            raise StageError(f"step {step}: every splat was removed; nothing is left to train")
+        state.record = Record.empty(len(state.splats))
+        state.count("densifications", 1)
+
+    def _prune_unattended(self, state: TrainingState) -> None:
+        """Remove splats of low opacity and low attention."""
+        if self.method.prune == "none":
+            return
+        faint = torch.zeros(len(state.splats), dtype=torch.bool)
+        if self.method.prune_opacity > 0:
+            faint = state.splats.opacity_logits < logit(self.method.prune_opacity)
+        index = torch.nonzero(faint)[:, 0]
+        if self.method.prune == "blend":
+            scores = state.record.blend_scores()[index]
+        else:
+            scores = torch.from_numpy(self._pixel_scores(state.splats, index))
+        removed = torch.zeros_like(faint)
+        removed[index[scores < self.method.prune_attention]] = True
+        self._remove(state, removed, "removed_unattended")
+
+    def _prune_idle(self, state: TrainingState) -> None:
+        """Remove splats that hardly show in the views that see them."""
+        if self.method.prune_contribution > 0:
+            idle = state.record.contributions() < self.method.prune_contribution
+            self._remove(state, idle & (state.record.seen > 0), "removed_idle")
+
+    def _remove(self, state: TrainingState, removed: Tensor, reason: str) -> None:
+        state.count(reason, int(removed.sum()))
+        gone = state.splats.means[removed]
+        step = torch.full((len(gone), 1), float(state.step + 1))
+        state.pruned = torch.cat([state.pruned, torch.cat([gone, step], dim=1)])
+        state.splats = prune(state.splats, state.adam, removed)
+        state.record = state.record.keep(torch.nonzero(~removed)[:, 0])
+
+    def _pixel_scores(self, splats: Splats, index: Tensor) -> Floats:
+        points = splats.means[index].numpy().astype(np.float64)
+        maps = [self.attention(i).numpy() for i in range(len(self.views))]
+        return point_scores(points, [view.camera for view in self.views], maps)[0]
+
+
+def _psnr(image: Tensor, target: Tensor) -> float:
+    mse = float((image - target).square().mean())
+    return -10 * math.log10(max(mse, 1e-10))
+
+
+def _unit(values: Bytes, memory: Memory | None = None) -> Tensor:
+    """Return bytes as numbers in [0, 1]; in ``memory``, overwriting the last, if one is given."""
+    stored = torch.from_numpy(values)
+    out = torch.empty(stored.shape) if memory is None else memory.take("unit", *stored.shape)
+    return torch.div(stored, 255, out=out)

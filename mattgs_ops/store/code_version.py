@@ -1,0 +1,168 @@
+"""What code a stage depends on, as a digest.
+
+The digest covers the stage's modules, everything in ``mattgs_ops`` that they import (followed
+through the source, imports inside functions included), the compiled kernels' sources when the
+engine is among them, and the versions of the numeric libraries that are used. Comments, docstrings
+and formatting do not count. Sources are read at each call: a digest must name the code that a
+stage's fresh process is about to run.
+"""
+
+import ast
+import hashlib
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from mattgs_ops.errors import InputError
+from mattgs_ops.store.digests import file_digest, json_digest
+
+ROOT = Path(__file__).resolve().parents[2]  # holds the package mattgs_ops and its neighbours
+PACKAGE = "mattgs_ops"
+ENGINE = "mattgs_ops.splat._engine"
+KERNELS = Path("mattgs_ops/splat/_kernels")
+# Import name → distribution, of libraries whose version can change a result.
+LIBRARIES = {
+    "cv2": "opencv-contrib-python-headless",
+    "numpy": "numpy",
+    "onnxruntime": "onnxruntime",
+    "PIL": "pillow",
+    "pycolmap": "pycolmap",
+    "scipy": "scipy",
+    "skimage": "scikit-image",
+    "torch": "torch",
+}
+# A package stands for all of its modules: a stage may run one of them in a process of its own.
+STAGES: dict[str, tuple[str, ...]] = {
+    "prepare": ("mattgs_ops.capture.prepare",),
+    "segment": ("mattgs_ops.segment.infer",),
+    "sfm": ("mattgs_ops.sfm",),
+    "agree": ("mattgs_ops.object_masks.cross_view",),
+    "train": ("mattgs_ops.splat.training.train",),
+    "evaluate": ("mattgs_ops.score.evaluate",),
+    "measure": ("mattgs_ops.score.evaluate", "mattgs_ops.timing.calibration"),
+}
+
+
+def code_version(stage: str, *more: str, root: Path = ROOT) -> str:
+    """Return the digest of the code behind ``stage`` and of ``more`` modules (dotted names).
+
+    Raises :class:`InputError` for a stage or module that is not there.
+    """
+    if stage not in STAGES:
+        raise InputError(f"stage {stage!r}: expected one of {', '.join(STAGES)}")
+    return digest_modules((*STAGES[stage], *more), root=root)
+
+
+def digest_modules(names: Iterable[str], *, root: Path = ROOT) -> str:
+    """Return the digest of modules and all that they depend on."""
+    sources, libraries = dependencies(names, root=root)
+    parts = {str(path.relative_to(root)): _source(path).meaning for path in sources}
+    if any(name.startswith(ENGINE) for path in sources for name in _imports(path, root)):
+        parts |= {str(path.relative_to(root)): file_digest(path) for path in _kernels(root)}
+    return json_digest({"sources": parts, "libraries": _versions(libraries)})
+
+
+def dependencies(names: Iterable[str], *, root: Path = ROOT) -> tuple[list[Path], list[str]]:
+    """Return the source files behind ``names``, and the numeric libraries that they import."""
+    waiting = [path for name in names for path in _sources(name, root)]
+    seen: set[Path] = set()
+    libraries: set[str] = set()
+    while waiting:
+        path = waiting.pop()
+        if path in seen:
+            continue
+        seen.add(path)
+        for name in _imports(path, root):
+            top = name.split(".")[0]
+            if top == PACKAGE:
+                waiting += _chain(name, root)
+            elif top in LIBRARIES:
+                libraries.add(top)
+    return sorted(seen), sorted(libraries)
+
+
+def _sources(name: str, root: Path) -> list[Path]:
+    """Files of a module, or of a package with all of its modules."""
+    base = root.joinpath(*name.split("."))
+    found = sorted(base.rglob("*.py")) if base.is_dir() else [base.with_suffix(".py")]
+    if not found or not all(path.is_file() for path in found):
+        raise InputError(f"module {name!r}: no source under {root}")
+    return found
+
+
+def _chain(name: str, root: Path) -> Iterator[Path]:
+    """Files that importing ``name`` runs: each package's ``__init__`` on the way, and itself.
+
+    ``name`` may end in something that a module defines, which is no file of its own.
+    """
+    parts = name.split(".")
+    for count in range(1, len(parts) + 1):
+        base = root.joinpath(*parts[:count])
+        for path in (base / "__init__.py", base.with_suffix(".py")):
+            if path.is_file():
+                yield path
+
+
+@dataclass(frozen=True)
+class _Source:
+    """What a source file imports (level of relative import, dotted name), and a digest of it."""
+
+    imports: tuple[tuple[int, str], ...]
+    meaning: str
+
+
+def _imports(path: Path, root: Path) -> Iterator[str]:
+    package = path.relative_to(root).parent.parts
+    for level, name in _source(path).imports:
+        base = package[: len(package) - level + 1] if level else ()
+        yield ".".join([*base, name])
+
+
+def _source(path: Path) -> _Source:
+    state = path.stat()
+    return _parsed(path, state.st_mtime_ns, state.st_size)
+
+
+@lru_cache(maxsize=1024)
+def _parsed(path: Path, changed: int, size: int) -> _Source:
+    """Parse a file once per version of it on disk, which ``changed`` and ``size`` tell apart."""
+    del changed, size
+    tree = ast.parse(path.read_text(encoding="utf-8"), filename=str(path))
+    imports: list[tuple[int, str]] = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            imports += [(0, alias.name) for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            start = f"{node.module}." if node.module else ""
+            imports += [(node.level, f"{start}{alias.name}") for alias in node.names]
+        elif isinstance(node, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            _drop_docstring(node)
+    _drop_docstring(tree)
+    meaning = hashlib.sha256(ast.dump(tree).encode("utf-8")).hexdigest()
+    return _Source(tuple(imports), meaning)
+
+
+def _drop_docstring(
+    node: ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef,
+) -> None:
+    if ast.get_docstring(node, clean=False) is not None:
+        node.body = node.body[1:]
+
+
+def _kernels(root: Path) -> list[Path]:
+    """Return the compiled engine's sources and build description, or without them the engine."""
+    sources = [path for path in sorted((root / KERNELS).glob("*")) if path.is_file()]
+    build = [path for path in [root / "CMakeLists.txt"] if path.is_file()]
+    return sources + build if sources else sorted((root / KERNELS.parent).glob("_engine*.so"))
+
+
+def _versions(libraries: Iterable[str]) -> dict[str, str]:
+    found = {}
+    for name in libraries:
+        try:
+            found[name] = version(LIBRARIES[name])
+        except PackageNotFoundError:
+            found[name] = "absent"
+    return found

@@ -1,0 +1,5 @@
+"""How long work takes on a machine that others use too.
+
+``stopwatch`` is a clock of CPU and wall time; ``calibration`` times a fixed workload, so that
+speeds of two machines can be compared. Knows nothing of what is measured.
+"""

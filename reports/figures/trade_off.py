@@ -1,0 +1,142 @@
+"""Quality against cost: PSNR inside the mask over size and over training time, all captures."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from reports.figures import findings
+from reports.figures.plots import (
+    DASHES,
+    PALETTE,
+    Saved,
+    colours,
+    legend,
+    less,
+    mean,
+    save,
+    sheets,
+)
+from reports.rows.groups import finished_of
+from reports.rows.schema import Cell, Row, capture_name, captures, cells, condition_name
+from reports.tables.notes import where_timed
+from reports.tables.origins import machine_of, measured_on, shared_machine
+
+MARKS = {"original": "o^D", "nobg": "svP"}  # the next where methods outnumber the colours
+INCOMPARABLE = "Times are of different machines and do not compare between them."
+
+
+def trade_offs(rows: Sequence[Row], folder: Path) -> list[Saved]:
+    """Quality inside the mask against size (upper row) and time (lower row), one column each."""
+    mine = [cell for cell in cells(rows) if cell.finished]
+    names = captures(row for cell in mine for row in cell.finished)
+    tones = colours(rows)
+    return [
+        _trade_off(mine, part, tones, folder, slug, sheet) for slug, sheet, part in sheets(names)
+    ]
+
+
+def _trade_off(
+    mine: Sequence[Cell],
+    names: Sequence[str],
+    tones: dict[str, str],
+    folder: Path,
+    slug: str,
+    sheet: str,
+) -> Saved:
+    in_mask = any(mean(cell, "mask_psnr") is not None for cell in mine)
+    metric = "mask_psnr" if in_mask else "psnr"
+    label = "PSNR in mask (dB)" if in_mask else "PSNR (dB)"
+
+    machine = shared_machine(mine)
+    mixed = len({machine_of(row) for row in finished_of(mine)}) > 1
+    timed = {
+        cell.key: replace(cell, finished=measured_on(machine, cell.finished)) if machine else cell
+        for cell in mine
+    }
+
+    def quality(cell: Cell) -> float | None:
+        return mean(cell, metric)
+
+    def quick(cell: Cell) -> float | None:
+        return less(timed[cell.key], "time")
+
+    figure = Figure(figsize=(max(2.5 * len(names), 3.2) + 0.5, 4.8))
+    grid = figure.subplots(2, len(names), squeeze=False)
+    for place, name in enumerate(names):
+        members = [cell for cell in mine if cell.key.capture == name]
+        for axes, cost, text in (
+            (grid[0][place], "size_mb", "Size (MB)"),
+            (grid[1][place], "time", "Time (s)"),
+        ):
+            costs = [mean(timed[cell.key] if cost == "time" else cell, cost) for cell in members]
+            _scatter(axes, members, costs, metric, tones)
+            axes.set_xlabel(text)
+        grid[0][place].set_title(capture_name(name))
+    for axes in grid[:, 0]:
+        axes.set_ylabel(label)
+    legend(figure, _handles(mine, tones))
+    incomparable = mixed and not machine
+    machines = ""
+    if mixed:
+        machines = f" {where_timed(mine, machine)}" if machine else f" {INCOMPARABLE}"
+    caption = (
+        findings.winners(mine, names, f"Highest {label.removesuffix(' (dB)')}", quality)
+        + findings.winners(mine, names, "Smallest file", lambda cell: less(cell, "size_mb"))
+        + ("" if incomparable else findings.winners(mine, names, "Shortest training", quick))
+        + f"{label} on held-out views against file size and training time: up and to the left is "
+        f"better. Lines join the methods on one background.{machines}{sheet}"
+    )
+    return save(figure, folder, f"figure-trade-off{slug}", caption)
+
+
+def _scatter(
+    axes: Axes,
+    members: Sequence[Cell],
+    costs: Sequence[float | None],
+    metric: str,
+    tones: dict[str, str],
+) -> None:
+    for background in MARKS:
+        points = []
+        for cell, x in zip(members, costs, strict=True):
+            y = mean(cell, metric)
+            if cell.key.background == background and x is not None and y is not None:
+                points.append((x, y, cell.key.method))
+        axes.plot(
+            [p[0] for p in points],
+            [p[1] for p in points],
+            color="#aab2bb",
+            linewidth=0.9,
+            linestyle=DASHES[background],
+            zorder=1,
+        )
+        for x, y, method in points:
+            tone, mark = tones[method], _mark(background, method, tones)
+            face = tone if background == "nobg" else "white"
+            axes.plot(x, y, mark, color=tone, markerfacecolor=face, markersize=7, zorder=2)
+    axes.margins(0.2)
+
+
+def _mark(background: str, method: str, tones: dict[str, str]) -> str:
+    shapes = MARKS[background]
+    return shapes[list(tones).index(method) // len(PALETTE) % len(shapes)]
+
+
+def _handles(mine: Sequence[Cell], tones: dict[str, str]) -> list[Line2D]:
+    seen = dict.fromkeys((cell.key.background, cell.key.method) for cell in mine)
+    return [
+        Line2D(
+            [],
+            [],
+            color=tones[method],
+            marker=_mark(background, method, tones),
+            markerfacecolor=tones[method] if background == "nobg" else "white",
+            linestyle="",
+            label=condition_name(background, method),
+        )
+        for background, method in seen
+    ]

@@ -1,0 +1,214 @@
+"""Baselines: rows that a gate compares with, in a file with a schema, a digest and a machine.
+
+Version 3 (now)::
+
+    {"schema": 3, "name": …, "protocol": 1, "rows": [...], "rows_digest": "sha256:…",
+     "machine": {"cpu": …, "cpu_kind": …, "cores": …, "threads": …}, "calibration": seconds,
+     "made_by": {"code_version": …, "git": …, "config_digest": …, "inputs": …, "digest": …},
+     "noise": {metric: standard deviation, …}}
+
+``rows_digest`` covers the rows, so that a number edited by hand is noticed; ``made_by.digest`` what
+made them. Values of ``machine`` and ``made_by`` are lists of all that occur. ``calibration`` is the
+median over rows of the fixed workload's seconds, null where no row has one. ``noise`` may be empty:
+the gate then uses its own table.
+
+Older versions are migrated when they are read. Version 2 kept code and commit under ``machine`` and
+no calibration; version 1 held ``schema``, ``name`` and ``rows`` only.
+"""
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import combinations
+from math import sqrt
+from pathlib import Path
+from statistics import fmean, median
+from typing import Any
+
+from mattgs_ops.errors import InputError
+from reports.gate.compare import collected
+from reports.gate.numbers import change_of
+from reports.gate.speed import MACHINE, seconds
+from reports.rows.schema import PROTOCOL, Row, cells, problems
+
+SCHEMA = 3
+FOLDER = Path(__file__).with_name("baselines")
+DROPPED = ("artifacts", "seconds")  # say where things lay on one disk, not what came out
+MADE_BY = ("code_version", "git", "config_digest", "inputs")
+FIELDS = {"name", "protocol", "machine", "made_by", "calibration", "noise", "rows_digest"}
+TRAIN_FIELDS = ("view", "split")  # training views matter by name only
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """A baseline in memory; ``noise`` by metric as ``tolerances.py`` means it."""
+
+    name: str
+    rows: tuple[Row, ...]
+    machine: Mapping[str, Any] = field(default_factory=dict)
+    made_by: Mapping[str, Any] = field(default_factory=dict)
+    calibration: float | None = None
+    noise: Mapping[str, float] = field(default_factory=dict)
+    protocol: int = PROTOCOL
+
+    def save(self, path: Path) -> None:
+        """Write the file; the same baseline gives the same bytes."""
+        document = {
+            "schema": SCHEMA,
+            "name": self.name,
+            "protocol": self.protocol,
+            "machine": dict(self.machine),
+            "made_by": dict(self.made_by),
+            "calibration": self.calibration,
+            "noise": dict(self.noise),
+            "rows_digest": digest(self.rows),
+            "rows": list(self.rows),
+        }
+        text = json.dumps(document, indent=1, sort_keys=True, allow_nan=False)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text + "\n", encoding="utf-8", newline="\n")
+
+
+def make(rows: Sequence[Row], name: str, noise: Mapping[str, float] | None = None) -> Baseline:
+    """Make a baseline of rows; raises :class:`InputError` listing what is wrong with them.
+
+    Failed rows may be part of it: a cell that failed is then expected to fail, or is fixed.
+    """
+    wrong = problems(rows)
+    if wrong or not rows:
+        listed = "\n".join(wrong) or "there are none"
+        raise InputError(f"baseline {name}: rows cannot be used:\n{listed}")
+    slim = [_slim(row) for cell in cells(rows) for row in cell.rows]
+    machine, made_by, workload = _origin(slim)
+    return Baseline(name, tuple(slim), machine, made_by, workload, dict(noise or {}))
+
+
+def _origin(rows: Sequence[Row]) -> tuple[dict[str, Any], dict[str, Any], float | None]:
+    """Return machine, what made the rows, and the fixed workload's seconds."""
+    origins = [row.get("provenance") or {} for row in rows]
+
+    def occurring(name: str) -> list[str]:
+        found = (origin[name] for origin in origins if origin.get(name) is not None)
+        return sorted({v if isinstance(v, str) else json.dumps(v, sort_keys=True) for v in found})
+
+    made_by: dict[str, Any] = {name: occurring(name) for name in MADE_BY}
+    made_by["digest"] = digest([made_by])
+    workloads = [seconds(row.get("metrics", {}).get("calibration")) for row in rows]
+    workloads += [seconds(origin.get("calibration")) for origin in origins]
+    known = [value for value in workloads if value is not None]
+    return {name: occurring(name) for name in MACHINE}, made_by, median(known) if known else None
+
+
+def measured_noise(runs: Sequence[Sequence[Row]]) -> dict[str, float]:
+    """Return the noise of each metric between runs of the same code, as ``tolerances.py`` means it.
+
+    Every two runs are compared; per metric the root mean square of all cells' changes, over √2.
+    Raises :class:`InputError` when there is nothing to compare.
+    """
+    squares: dict[str, list[float]] = {}
+    for one, other in combinations(runs, 2):
+        for number in collected(one, other)[1]:
+            if number.tolerance.kind not in ("exact", "speed"):
+                squares.setdefault(number.tolerance.metric, []).append(change_of(number) ** 2)
+    if not squares:
+        raise InputError("noise: expected at least two comparable runs of the same benchmark")
+    return {name: round(sqrt(fmean(found) / 2), 6) for name, found in sorted(squares.items())}
+
+
+def kept_noise(path: Path, name: str) -> dict[str, float]:
+    """Return the noise that the baseline at ``path`` states, if it is one of the same name."""
+    if not path.is_file():
+        return {}
+    old = load(path)
+    return dict(old.noise) if old.name == name else {}
+
+
+def committed(name: str) -> bool:
+    """Whether a baseline of this name comes with the project."""
+    return (FOLDER / f"{name}.json").is_file()
+
+
+def load(place: str | Path) -> Baseline:
+    """Read a baseline by path, or by the name of a committed one; older schemas are migrated.
+
+    Raises :class:`InputError` naming the file for anything that is not a baseline, comes from a
+    newer schema, or was changed by hand.
+    """
+    path = Path(place)
+    if not path.suffix and not path.is_file():
+        path = FOLDER / f"{place}.json"
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, json.JSONDecodeError) as error:
+        known = ", ".join(sorted(p.stem for p in FOLDER.glob("*.json"))) or "none"
+        message = f"{path}: expected a readable baseline ({error}); committed ones: {known}"
+        raise InputError(message) from error
+    document = migrate(document, str(path))
+    rows = tuple(document["rows"])
+    if digest(rows) != document["rows_digest"]:
+        raise InputError(f"{path}: its rows are not those it was made of (digest differs)")
+    return Baseline(
+        document["name"],
+        rows,
+        document["machine"],
+        document["made_by"],
+        document["calibration"],
+        document["noise"],
+        document["protocol"],
+    )
+
+
+def migrate(document: Any, where: str) -> dict[str, Any]:
+    """Bring a document of any known schema to the present one."""
+    if not isinstance(document, dict) or not isinstance(document.get("rows"), list):
+        raise InputError(f"{where}: expected a baseline with `rows`")
+    version = document.get("schema")
+    if not isinstance(version, int) or not 1 <= version <= SCHEMA:
+        raise InputError(f"{where}: expected schema 1 to {SCHEMA}, found {version!r}")
+    while version < SCHEMA:
+        document = _MIGRATIONS[version](document)
+        version += 1
+    migrated: dict[str, Any] = document
+    missing = FIELDS - migrated.keys()
+    if missing:
+        raise InputError(f"{where}: expected {', '.join(sorted(missing))}, found none")
+    return migrated
+
+
+def _from_1(document: dict[str, Any]) -> dict[str, Any]:
+    """Version 1 said nothing of machine, noise or digest; its protocol was the first."""
+    return document | {
+        "schema": 2,
+        "name": document.get("name", "unnamed"),
+        "protocol": 1,
+        "machine": {},
+        "noise": {},
+        "rows_digest": digest(document["rows"]),
+    }
+
+
+def _from_2(document: dict[str, Any]) -> dict[str, Any]:
+    """Version 2 mixed what made the rows with the machine; both are in the rows themselves."""
+    machine, made_by, workload = _origin(document["rows"])
+    found = {"machine": machine, "made_by": made_by, "calibration": workload}
+    return document | {"schema": 3} | found
+
+
+_MIGRATIONS = {1: _from_1, 2: _from_2}
+
+
+def digest(rows: Sequence[Row]) -> str:
+    """Return the digest of rows; NaN has none and is refused."""
+    text = json.dumps(list(rows), sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return "sha256:" + hashlib.sha256(text.encode("utf-8")).hexdigest()
+
+
+def _slim(row: Row) -> Row:
+    kept = {key: value for key, value in row.items() if key not in DROPPED}
+    kept |= {"artifacts": {}}
+    kept["per_view"] = [
+        view if view["split"] == "test" else {name: view[name] for name in TRAIN_FIELDS}
+        for view in row.get("per_view") or []
+    ]
+    return kept

@@ -1,0 +1,126 @@
+"""Rows in, a folder of report out: page, Markdown, tables and figures.
+
+The same rows give the same bytes: nothing is stamped with a date, a host or a random number, and
+rows are sorted before anything is written. What is missing is listed in the report.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from reports.figures import photos, pictures, plots, trade_off
+from reports.figures.pictures import Gallery
+from reports.figures.plots import Saved
+from reports.page import page
+from reports.rows.schema import Row, captures, cells, problems, refused
+from reports.tables import formats, origins, paper, promoted, verdict
+from reports.tables.formats import Table
+from reports.tables.side_tables import all_tables
+
+FORMATS = {"md": formats.markdown, "tex": formats.latex, "csv": formats.csv}
+
+
+def build(
+    rows: Sequence[Row],
+    out: Path,
+    *,
+    title: str,
+    artifacts_root: Path | None,
+    summary: Mapping[str, Any] | None = None,
+    baselines: Sequence[Row] = (),
+    values: paper.PaperValues | None = None,
+    notes: Sequence[str] = (),
+    planned: int | None = None,
+) -> Path:
+    """Write the report of ``rows`` into ``out`` and return the path of ``report.html``.
+
+    ``artifacts_root`` is the folder that rows' artifacts are relative to; without it (or where an
+    artifact is not on this disk) the pictures are left out and listed as missing. ``summary`` is
+    printed under the title as label and value; None: the rows' settings and machines.
+    ``baselines`` are the rows of the promoted runs, which are marked and compared with. ``values``
+    are the paper's own; None: those that come with the project. ``notes`` are sentences that a
+    reader must know; ``planned`` says how many experiments there are to be, None: as many as
+    rows. Raises :class:`InputError` for rows that do not say which cell they belong to.
+    """
+    rows = promoted.mark(rows, baselines)
+    wrong = problems(rows)
+    good = refused(rows)
+    mine = cells(good)
+    out.mkdir(parents=True, exist_ok=True)
+    ordered = [row for cell in mine for row in cell.rows]
+    _write(out / "rows.json", json.dumps(ordered, indent=1, sort_keys=True, allow_nan=False) + "\n")
+    against = promoted.promoted_table(good, baselines)
+    tables = [*all_tables(good, values), *([] if against is None else [against])]
+    for table in tables:
+        for suffix, form in FORMATS.items():
+            _write(out / "tables" / f"{table.slug}.{suffix}", form(table))
+    found = [pictures.gallery(name, mine, artifacts_root) for name in captures(good)]
+    drawn = _draw(ordered, found, artifacts_root, out / "figures")
+    whole = verdict.overall(good)
+    judged = [*([] if whole is None else [whole]), *verdict.verdicts(good)]
+    line = verdict.summary_line(good, planned)
+    notes = [*notes, *origins.notes(good)]
+    html = page.render(
+        title=title,
+        summary=line,
+        facts=dict(verdict.facts(good) if summary is None else summary),
+        verdicts=judged,
+        tables=tables,
+        figures=drawn,
+        galleries=found,
+        root=artifacts_root,
+        problems=wrong,
+        notes=notes,
+    )
+    missing = [*wrong, *pictures.told(found)]
+    words = _markdown(title, line, judged, notes, tables, drawn, missing, out)
+    _write(out / "report.md", words)
+    path = out / "report.html"
+    _write(path, html)
+    return path
+
+
+def _draw(
+    rows: Sequence[Row], found: Sequence[Gallery], root: Path | None, folder: Path
+) -> list[Saved]:
+    with plots.style():
+        drawn = [
+            *trade_off.trade_offs(rows, folder),
+            *plots.training_curves(rows, root, folder),
+        ]
+        shown = photos.all_photo_figures(found, cells(rows), root, folder)
+    return [*shown, *drawn]
+
+
+def _markdown(
+    title: str,
+    line: str,
+    judged: Sequence[verdict.Verdict],
+    notes: Sequence[str],
+    tables: Sequence[Table],
+    drawn: Sequence[Saved],
+    missing: Sequence[str],
+    out: Path,
+) -> str:
+    parts = [f"# {title}", "", line, "", "## Verdict", ""]
+    for one in judged:
+        parts.append(f"- **{one.headline}**")
+        parts += [f"  - {detail}" for detail in one.details]
+    if notes:
+        parts += ["", "To know when reading this:", "", *(f"- {text}" for text in notes)]
+    parts += ["", "## Tables", ""]
+    parts += [formats.markdown(table) for table in tables]
+    if drawn:
+        parts += ["## Figures", ""]
+        for figure in drawn:
+            link = figure.png.relative_to(out).as_posix()
+            parts += [f"![{figure.caption}]({link})", "", f"*{figure.caption}*", ""]
+    if missing:
+        parts += ["## Not shown", "", *(f"- {text}" for text in missing), ""]
+    return "\n".join(parts).rstrip() + "\n"
+
+
+def _write(path: Path, text: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, encoding="utf-8", newline="\n")

@@ -1,0 +1,31 @@
+"""Cells in groups, as tables print them, and the names of their lines."""
+
+from collections.abc import Sequence
+
+from reports.rows.schema import Cell, Row, capture_name, condition_name
+
+
+def finished_of(mine: Sequence[Cell]) -> list[Row]:
+    """List the rows that finished."""
+    return [row for cell in mine for row in cell.finished]
+
+
+def by_capture(mine: Sequence[Cell]) -> list[tuple[str, list[Cell]]]:
+    """Group cells by the printed name of their capture."""
+    grouped: dict[str, list[Cell]] = {}
+    for cell in mine:
+        grouped.setdefault(capture_name(cell.key.capture), []).append(cell)
+    return list(grouped.items())
+
+
+def by_background(mine: Sequence[Cell]) -> list[tuple[str, list[Cell]]]:
+    """Group cells whose full frames compare: one capture, one background."""
+    grouped: dict[tuple[str, str], list[Cell]] = {}
+    for cell in mine:
+        grouped.setdefault((cell.key.capture, cell.key.background), []).append(cell)
+    return [(capture_name(capture), members) for (capture, _), members in grouped.items()]
+
+
+def condition_of(cell: Cell) -> str:
+    """Return a cell's condition as printed."""
+    return condition_name(cell.key.background, cell.key.method)

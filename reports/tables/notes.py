@@ -1,0 +1,82 @@
+"""What a reader of a table must know: protocol, whose times, missing seeds, the paper's lines."""
+
+from collections.abc import Iterable, Sequence
+
+from reports.rows.groups import condition_of, finished_of
+from reports.rows.schema import PROTOCOL, Cell, held_out_views
+from reports.tables.origins import Origin, cpu_of, measured_on
+from reports.tables.paper import PaperValues
+
+
+def paper_notes(values: PaperValues) -> list[str]:
+    """Say where the quoted values were read, and how their protocol differs from ours."""
+    source = values.source
+    where = ", ".join(str(source[part]) for part in ("title", "year", "url") if source.get(part))
+    read = f"Lines marked (paper) quote {where or 'the paper'}; read from {source['read_from']}."
+    return [read, *(f"Lines marked (paper): {text}" for text in values.differences)]
+
+
+def protocol_notes(mine: Sequence[Cell]) -> list[str]:
+    """Say what was scored against what, over how many seeds, and which lines lack some."""
+    rows = finished_of(mine)
+    seeds = sorted({int(row["seed"]) for row in rows})
+    counts = sorted({len(held_out_views(row)) for row in rows} - {0})
+    views = " or ".join(str(count) for count in counts) or "the"
+    many = (
+        f"mean ± standard deviation over {len(seeds)} seeds"
+        if len(seeds) > 1
+        else f"one seed ({seeds[0]})"
+        if seeds
+        else "no finished run"
+    )
+    notes = [
+        (
+            f"Full frame, {views} held-out test views, each against its own condition's ground "
+            f"truth; {many}. Protocol {PROTOCOL}."
+        )
+    ]
+    notes += _uneven(mine, seeds)
+    if {cell.key.background for cell in mine} >= {"original", "nobg"}:
+        notes.append(
+            "Scores of No BG do not compare with Original: its white pixels come for free. "
+            "The table of scores inside the mask compares them."
+        )
+    return notes
+
+
+def _uneven(mine: Sequence[Cell], seeds: Sequence[int]) -> list[str]:
+    """Name the lines that lack seeds which others have, and not because those failed."""
+    found = []
+    for cell in mine:
+        own = [int(row["seed"]) for row in cell.rows]
+        if cell.finished and set(seeds) - set(own):
+            finished = _listed(int(row["seed"]) for row in cell.finished)
+            few = "seed" if len(cell.finished) == 1 else "seeds"
+            found.append(f"{condition_of(cell)}: {few} {finished} only.")
+    return found
+
+
+def where_timed(members: Sequence[Cell], machine: Origin) -> str:
+    """Say whose times a table prints where several machines measured some.
+
+    The seeds named are those that the machine measured of every line, then the lines of which it
+    measured others.
+    """
+    timed = [
+        (condition_of(cell), {int(row["seed"]) for row in measured_on(machine, cell.finished)})
+        for cell in members
+        if cell.finished
+    ]
+    shared = set.intersection(*(seeds for _, seeds in timed))
+    named = [f"{name}: {_listed(seeds)}" for name, seeds in timed if seeds != shared]
+    others = "; ".join(dict.fromkeys(named))  # once for all captures
+    which = _listed(shared) + (f" ({others})" if others else "") if shared else others
+    cpu = cpu_of(measured_on(machine, finished_of(members))[0])
+    return (
+        f"Times and FPS are those of seeds {which}, from one machine, {cpu}; those from others do "
+        "not compare with them."
+    )
+
+
+def _listed(seeds: Iterable[int]) -> str:
+    return ", ".join(map(str, sorted(seeds)))

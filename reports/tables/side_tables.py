@@ -1,0 +1,196 @@
+"""Tables that the paper does not print: what the methods were given, what it cost, which runs."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from reports.rows import columns
+from reports.rows.columns import Column
+from reports.rows.groups import by_capture, condition_of, finished_of
+from reports.rows.schema import Row, background_name, capture_name, cells, refused
+from reports.tables import paper
+from reports.tables.differences import difference_tables
+from reports.tables.formats import Entry, Group, Line, Table
+from reports.tables.origins import origin_of, origins, origins_table
+from reports.tables.tables import (
+    HOLE,
+    capture_tables,
+    lines_of,
+    make_table,
+    mask_table,
+    training_table,
+)
+
+DIGEST = 12  # letters of a digest that tell two apart
+STAGES = {
+    "prepare": "Prepare",
+    "segment": "Segment",
+    "sfm": "SfM",
+    "agree": "Masks agree",
+    "train": "Train",
+    "evaluate": "Evaluate",
+}
+
+
+def quality_table(rows: Sequence[Row]) -> Table | None:
+    """Show what the methods were given: registered views, sparse points, mask quality."""
+    shown = (
+        Column("registered", "Registered", +1, "text"),
+        Column("missing", "Test views missing", -1, "text"),
+        Column("keypoints", "Key points", 0, "text"),
+        Column("masked", "In masks", 0, "text"),
+        Column("matches", "Matches", 0, "text"),
+        Column("points", "Sparse points", 0, "text"),
+        Column("on_object", "On the object", 0, "text"),
+        Column("mode", "SfM mode", 0, "text"),
+        Column("source", "Masks from", 0, "text"),
+        Column("mean_iou", "Mask IoU", +1, "text"),
+    )
+    groups = []
+    for label, members in by_capture(cells(rows)):
+        lines: dict[tuple[Entry, ...], Line] = {}
+        for cell in members:
+            for row in cell.finished[:1]:
+                entries = _quality_entries(row)
+                line = lines.get(entries) or Line(background_name(cell.key.background), entries)
+                names = dict.fromkeys(
+                    [*line.label.split(", "), background_name(cell.key.background)]
+                )
+                lines[entries] = Line(", ".join(names), entries)
+        if lines:
+            groups.append(Group(label, tuple(lines.values())))
+    if not groups:
+        return None
+    notes = (
+        (
+            "A test view that SfM could not register is a failure of that view, not a smaller test "
+            "set; mask IoU is known only where the exact mask is."
+        ),
+        *_incidents(rows),
+    )
+    heads = tuple(column.heading for column in shown)
+    keys = tuple(column.key for column in shown)
+    title = "Registration and masks"
+    return Table("table-inputs", title, heads, keys, tuple(groups), notes, "Background", False)
+
+
+def _incidents(rows: Sequence[Row]) -> list[str]:
+    """Say, once per capture, which steps beyond the usual were taken and which views were lost."""
+    told: dict[str, None] = {}
+    for row in rows:
+        registration, name = row.get("registration") or {}, capture_name(row["capture"])
+        for step in registration.get("fallbacks") or ():
+            told[f"{name}: {step}."] = None
+        for view in registration.get("lost") or ():
+            counts = f"{view['keypoints']} key points, {view['masked']} of them in its mask"
+            told[f"{name}: {view['name']} was not registered; it has {counts}."] = None
+        reason = (registration.get("agreement") or {}).get("none")
+        if reason:
+            told[f"{name}: masks were not voted on: {reason}."] = None
+    return list(told)
+
+
+def _count(number: object) -> Entry:
+    return (
+        HOLE if not isinstance(number, int) else Entry(columns.text("count", number), value=number)
+    )
+
+
+def _quality_entries(row: Row) -> tuple[Entry, ...]:
+    registration = row.get("registration") or {}
+    masks = row.get("masks") or {}
+    found, asked = registration.get("registered"), registration.get("views")
+    iou, keypoints = masks.get("mean_iou"), registration.get("keypoints") or {}
+    matches = registration.get("matches") or {}
+    missing = registration.get("missing") or []
+    return (
+        HOLE if found is None else Entry(f"{found} of {asked}", value=found),
+        Entry(str(len(missing)), value=len(missing)),
+        _count(keypoints.get("original")),
+        _count(keypoints.get("masked")),
+        _count(sum(matches.values()) if matches else None),
+        _count(registration.get("points")),
+        _count(registration.get("object_points")),
+        Entry(str(registration.get("mode") or "–")),
+        Entry(str(masks.get("source") or "–")),
+        HOLE if iou is None else Entry(columns.text("share", iou), value=iou),
+    )
+
+
+def cost_table(rows: Sequence[Row]) -> Table | None:
+    """Seconds per stage as the run measured them, and the size of what came out."""
+    mine = [cell for cell in cells(rows) if any(row.get("seconds") for row in cell.finished)]
+    if not mine:
+        return None
+    taken = {stage for row in finished_of(mine) for stage in row.get("seconds") or {}}
+    shown = [Column(name, label, 0, "time") for name, label in STAGES.items() if name in taken]
+    holes: list[str] = []
+
+    def values_of(row: Row, key: str) -> Any:
+        return (row.get("seconds") or {}).get(key)
+
+    groups = []
+    for label, members in by_capture(mine):
+        lines = lines_of(members, shown, holes, condition_of, values_of)
+        groups.append(Group(label, tuple(lines)))
+    threads = sorted({str((_provenance(row)).get("threads", "?")) for row in finished_of(mine)})
+    done = finished_of(mine)
+    cpus = sorted({str(_provenance(row).get("cpu", "an unnamed CPU")) for row in done})
+    notes = [
+        *holes,
+        (
+            f"Wall time on {'; '.join(cpus)}; threads per training: {' or '.join(threads)}. "
+            "Stages include start-up and reading; the column Time of the other tables is the "
+            "training loop alone. A stage shared by several conditions ran once and is printed "
+            "with each of them."
+        ),
+    ]
+    return make_table("table-cost", "Cost per stage", shown, groups, notes, "Condition")
+
+
+def runs_table(rows: Sequence[Row]) -> Table | None:
+    """Say where each line comes from: run, configuration, inputs; in full."""
+    heads: tuple[str, ...] = ("Seed", "Status", "Run", "Config", "Code", "Inputs")
+    numbers = {origin: str(number) for number, origin in enumerate(origins(rows), start=1)}
+    if len(numbers) > 1:
+        heads = (*heads, "Origin")
+    groups = []
+    for label, members in by_capture(cells(rows)):
+        lines = []
+        for cell in members:
+            for row in cell.rows:
+                origin = _provenance(row)
+                inputs = origin.get("inputs") or {}
+                texts: tuple[Any, ...] = (
+                    row["seed"],
+                    row["status"],
+                    row.get("run_id") or "–",
+                    str(origin.get("config_digest") or "–")[:DIGEST],
+                    str(origin.get("code_version") or "–")[:DIGEST],
+                    " ".join(f"{k}:{str(v)[:DIGEST]}" for k, v in sorted(inputs.items())) or "–",
+                )
+                texts = (*texts, numbers.get(origin_of(row), "–"))[: len(heads)]
+                lines.append(Line(condition_of(cell), tuple(Entry(str(text)) for text in texts)))
+        groups.append(Group(label, tuple(lines)))
+    if not groups:
+        return None
+    keys = tuple(head.lower() for head in heads)
+    return Table("table-runs", "Runs", heads, keys, tuple(groups), (), "Condition", False)
+
+
+def _provenance(row: Row) -> Mapping[str, Any]:
+    return row.get("provenance") or {}
+
+
+def all_tables(rows: Sequence[Row], values: paper.PaperValues | None = None) -> list[Table]:
+    """List every table of a report, in the order in which it prints them."""
+    rows = refused(rows)
+    extra = [
+        mask_table(rows),
+        *difference_tables(rows),
+        training_table(rows),
+        quality_table(rows),
+        cost_table(rows),
+        origins_table(rows),
+        runs_table(rows),
+    ]
+    return capture_tables(rows, values) + [table for table in extra if table is not None]

@@ -1,0 +1,253 @@
+"""Rows → tables: I–III as the paper prints them, and what the paper does not print.
+
+Every number is the mean over a cell's finished seeds; the spread is the sample standard deviation
+(n − 1) and appears from two seeds on. The best of a column within a row group is judged on the
+rounded mean, so that what looks equal is equal; a group of one has no best. Cells that failed stay
+in the table as holes with a note.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from statistics import fmean, stdev
+from typing import Any
+
+from reports.rows import columns
+from reports.rows.columns import Column
+from reports.rows.groups import by_background, by_capture, condition_of, finished_of
+from reports.rows.schema import (
+    Cell,
+    CellKey,
+    Row,
+    background_name,
+    capture_name,
+    cells,
+    method_name,
+    refused,
+)
+from reports.tables import formats, paper
+from reports.tables.formats import Entry, Group, Line, Table
+from reports.tables.notes import paper_notes, protocol_notes, where_timed
+from reports.tables.origins import Origin, machine_of, measured_on, shared_machine
+
+HOLE = Entry("–")
+SPEEDS = ("time", "rate")  # kinds of columns that depend on the machine
+UNVERIFIED = (
+    "The paper's own values are not printed beside ours: none could be checked against the paper."
+)
+PROMOTED = " ★"  # on lines that hold a promoted run
+MARKS = "abcdefghijklmnopqrstuvwxyz"
+
+
+def terminal(rows: Sequence[Row]) -> str:
+    """Tables I–III (and on) for a terminal: plain text, aligned, 100 columns at most."""
+    return "\n".join(formats.plain(table) for table in capture_tables(refused(rows)))
+
+
+def capture_tables(rows: Sequence[Row], values: paper.PaperValues | None = None) -> list[Table]:
+    """One table per capture and setting: row groups Original and No BG, the seven columns."""
+    values = paper.load() if values is None else values
+    settings: dict[tuple[str, int, int], list[Cell]] = {}
+    for cell in cells(rows):
+        key = cell.key
+        settings.setdefault((key.capture, key.iterations, key.resolution), []).append(cell)
+    out = []
+    for number, ((capture, iterations, resolution), mine) in enumerate(settings.items(), start=1):
+        title = f"{capture_name(capture)}: {iterations:,} iterations, longest side {resolution} px"
+        groups, holes, quoted = _paper_groups(mine, values)
+        notes = [*holes, *protocol_notes(mine)]
+        if quoted:
+            notes += paper_notes(values)
+        slug = f"table-{number}-{_slug(capture)}"
+        table = make_table(slug, title, columns.PAPER, groups, notes)
+        out.append(replace(table, number=columns.roman(number)))
+    if out and not values.values:
+        out[-1] = replace(out[-1], notes=(*out[-1].notes, UNVERIFIED))
+    return out
+
+
+def _paper_groups(
+    mine: Sequence[Cell], values: paper.PaperValues
+) -> tuple[list[Group], list[str], bool]:
+    holes: list[str] = []
+    groups = []
+    quoted = False
+    for background in dict.fromkeys(cell.key.background for cell in mine):
+        members = [cell for cell in mine if cell.key.background == background]
+        ours = lines_of(members, columns.PAPER, holes, lambda cell: method_name(cell.key.method))
+        lines = []
+        for cell, line in zip(members, ours, strict=True):
+            lines.append(line)
+            theirs = values.line(cell.key.capture, background, cell.key.method)
+            if theirs is not None:
+                lines += [_quoted_line(cell.key, theirs), _difference_line(cell.key, line, theirs)]
+                quoted = True
+        groups.append(Group(background_name(background), tuple(lines)))
+    return groups, holes, quoted
+
+
+def _quoted_line(key: CellKey, theirs: Mapping[str, float]) -> Line:
+    entries = [
+        Entry(columns.text(c.kind, theirs[c.key]), value=theirs[c.key]) if c.key in theirs else HOLE
+        for c in columns.PAPER
+    ]
+    return Line(f"{method_name(key.method)} (paper)", tuple(entries), quoted=True)
+
+
+def _difference_line(key: CellKey, ours: Line, theirs: Mapping[str, float]) -> Line:
+    """Ours minus the paper's, of means and at full precision, signed."""
+    entries = []
+    for column, entry in zip(columns.PAPER, ours.entries, strict=True):
+        if entry.value is None or column.key not in theirs:
+            entries.append(HOLE)
+            continue
+        difference = entry.value - theirs[column.key]
+        sign = "−" if difference < 0 else "+"
+        entries.append(Entry(sign + columns.text(column.kind, abs(difference)), value=difference))
+    return Line(f"{method_name(key.method)} − paper", tuple(entries), quoted=True)
+
+
+def mask_table(rows: Sequence[Row]) -> Table | None:
+    """In-mask scores, which compare across backgrounds."""
+    note = (
+        "Scores in mask are means over the object's pixels (SSIM: its map averaged inside the "
+        "eroded mask) and compare across backgrounds as well as methods."
+    )
+    title = "Inside the object's mask, held-out views"
+    return _conditions_table(rows, "table-in-mask", title, columns.IN_MASK, note)
+
+
+def training_table(rows: Sequence[Row]) -> Table | None:
+    """Scores of the views that were trained on: the paper's protocol, and its weighted terms."""
+    note = (
+        "Scores of the views that were trained on, which is the paper's protocol; they say how "
+        "well a scene was memorised. L1 and Loss of eq. 15 weight each pixel by its attention, "
+        "here for every method alike; they are on another scale than the plain ones."
+    )
+    return _conditions_table(
+        rows, "table-training", "Training views", columns.TRAINING, note, by_background
+    )
+
+
+def _conditions_table(
+    rows: Sequence[Row],
+    slug: str,
+    title: str,
+    wanted: Sequence[Column],
+    note: str,
+    grouped: Callable[[Sequence[Cell]], list[tuple[str, list[Cell]]]] | None = None,
+) -> Table | None:
+    """One line per condition, grouped by capture; only the columns that some row has."""
+    mine = cells(rows)
+    known = {name for cell in mine for row in cell.finished for name in row["metrics"]}
+    shown = [column for column in wanted if column.key in known]
+    if not shown:
+        return None
+    holes: list[str] = []
+    groups = [
+        Group(label, tuple(lines_of(members, shown, holes, condition_of)))
+        for label, members in (grouped or by_capture)(mine)
+    ]
+    return make_table(slug, title, shown, groups, [*holes, note], "Condition")
+
+
+def _metric(row: Row, key: str) -> Any:
+    return row["metrics"].get(key)
+
+
+def lines_of(
+    members: Sequence[Cell],
+    shown: Sequence[Column],
+    holes: list[str],
+    label: Callable[[Cell], str],
+    value_of: Callable[[Row, str], Any] = _metric,
+) -> list[Line]:
+    """Build the lines of one group, mark the best entries, and add to the notes on holes."""
+    machine = shared_machine(members)
+    raw = [[_entry(cell, column, value_of, machine) for column in shown] for cell in members]
+    mixed = len({machine_of(row) for row in finished_of(members)}) > 1
+    if mixed and machine and any(column.kind in SPEEDS for column in shown):
+        _add_once(holes, where_timed(members, machine))
+    best = [
+        set()
+        if mixed and not machine and column.kind in SPEEDS
+        else _best([entries[i] for entries in raw], column)
+        for i, column in enumerate(shown)
+    ]
+    lines = []
+    for place, (cell, entries) in enumerate(zip(members, raw, strict=True)):
+        marked = [
+            Entry(e.text, e.spread, place in best[i], e.value, e.deviation)
+            for i, e in enumerate(entries)
+        ]
+        runs = tuple(str(row["run_id"]) for row in cell.rows if row.get("run_id"))
+        star = PROMOTED if any(row.get("promoted") for row in cell.rows) else ""
+        lines.append(Line(label(cell), tuple(marked), runs, star + _hole_mark(cell, holes)))
+    return lines
+
+
+def _entry(
+    cell: Cell, column: Column, value_of: Callable[[Row, str], Any], machine: Origin | None
+) -> Entry:
+    chosen = cell.finished
+    if machine is not None and column.kind in SPEEDS:
+        chosen = measured_on(machine, chosen)
+    found = [value_of(row, column.key) for row in chosen]
+    values = [float(v) for v in found if v is not None and math.isfinite(v)]
+    if not values:
+        return HOLE
+    mean = fmean(values)
+    deviation = stdev(values) if len(values) > 1 else None
+    spread = "" if deviation is None else columns.text(column.kind, deviation)
+    return Entry(columns.text(column.kind, mean), spread, False, mean, deviation)
+
+
+def _add_once(notes: list[str], note: str) -> None:
+    if note not in notes:
+        notes.append(note)
+
+
+def _best(entries: Sequence[Entry], column: Column) -> set[int]:
+    """Places of the best entries of one column; equal texts share the honour."""
+    scored = [(i, e) for i, e in enumerate(entries) if e.value is not None]
+    if column.direction == 0 or len(scored) < 2:
+        return set()
+    top = max(scored, key=lambda item: column.direction * (item[1].value or 0.0))[1]
+    winners = {i for i, e in scored if e.text == top.text}
+    return winners if len(winners) < len(scored) else set()
+
+
+def _hole_mark(cell: Cell, holes: list[str]) -> str:
+    if not cell.failed:
+        return ""
+    mark = MARKS[sum(text.startswith("(") for text in holes) % len(MARKS)]
+    reasons = "; ".join(dict.fromkeys(str(row.get("reason")) for row in cell.failed))
+    seeds = ", ".join(str(row["seed"]) for row in cell.failed)
+    where = f"{capture_name(cell.key.capture)}, {condition_of(cell)}"
+    rest = f"; the line is the mean of the other {len(cell.finished)}" if cell.finished else ""
+    holes.append(f"({mark}) {where}, seed {seeds} failed: {reasons}{rest}.")
+    return f" ({mark})"
+
+
+def _promoted_note(groups: Sequence[Group]) -> list[str]:
+    marked = any(PROMOTED in line.marks for group in groups for line in group.lines)
+    return ["★ promoted: the baseline of its cell."] if marked else []
+
+
+def make_table(
+    slug: str,
+    title: str,
+    shown: Sequence[Column],
+    groups: Sequence[Group],
+    notes: Sequence[str],
+    first: str = "Method",
+) -> Table:
+    """Make a table whose headings and keys are those of its columns."""
+    heads = tuple(column.heading for column in shown)
+    keys = tuple(column.key for column in shown)
+    told = (*notes, *_promoted_note(groups))
+    return Table(slug, title, heads, keys, tuple(groups), told, first)
+
+
+def _slug(name: str) -> str:
+    return "".join(c if c.isalnum() or c in "-_." else "-" for c in name.lower())

@@ -1,0 +1,253 @@
+"""What a reader should take home: one sentence for all, one per capture, and the evidence.
+
+A method is compared with plain 3DGS on the same background, inside the object's mask, paired by
+view and seed; a gain is called one only when the 95 % interval excludes zero. Size and time are
+ratios of means; differences below 1 % are called none.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from statistics import fmean, geometric_mean
+
+from reports.rows import columns, statistics
+from reports.rows.schema import (
+    Cell,
+    Row,
+    background_name,
+    capture_name,
+    captures,
+    cells,
+    method_name,
+    refused,
+)
+from reports.rows.statistics import Interval
+from reports.tables.pairs import ratio, view_scores
+
+BASE = "3dgs"
+NEGLIGIBLE = 0.01  # ratios closer to one than this are called equal
+IN_HEADLINE = 2  # methods; the others stand among the details
+PREFERRED = ("nobg", "original")  # the headline is about the paper's proposal where it was run
+WHERE = {"nobg": "without its background", "original": "with its background"}
+OVER_ALL = {"nobg": "Without backgrounds", "original": "With backgrounds"}
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """``headline`` is the sentence; ``details`` are the numbers behind it and other conditions."""
+
+    capture: str
+    headline: str
+    details: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A method against 3DGS on one background; ``size`` and ``time`` are ratios.
+
+    ``details`` is the difference in PSNR on small parts, None where nobody marked them.
+    """
+
+    background: str
+    method: str
+    metric: str
+    quality: Interval | None
+    size: float | None
+    time: float | None
+    details: Interval | None = None
+
+
+def overall(rows: Sequence[Row]) -> Verdict | None:
+    """Return the verdict over all captures; None where fewer than two compare."""
+    rows = refused(rows)
+    mine = cells(rows)
+    found: dict[tuple[str, str], list[Comparison]] = {}
+    for name in captures(rows):
+        members = [cell for cell in mine if cell.key.capture == name]
+        for background in PREFERRED:
+            for one in compare(members, background):
+                found.setdefault((background, one.method), []).append(one)
+    told = [
+        _over_all(background, method, found[background, method])
+        for background in PREFERRED
+        for place, method in found
+        if place == background and len(found[background, method]) > 1
+    ]
+    if not told:
+        return None
+    return Verdict("", told[0], tuple(told[1:]))
+
+
+def _over_all(background: str, method: str, found: Sequence[Comparison]) -> str:
+    """Count captures by what a method does there, with the means of its differences."""
+    sure = [c.quality for c in found if c.quality is not None and c.quality.excludes_zero()]
+    gains = sum(quality.mean > 0 for quality in sure)
+    counts = _counts(gains, len(sure) - gains, len(found) - len(sure))
+    means = [c.quality.mean for c in found if c.quality is not None]
+    where = "inside the mask" if found[0].metric == "mask_psnr" else "over the full frame"
+    parts = [f"{signed(fmean(means))} dB {where}"] if means else []
+    for name, ratios in (("size", [c.size for c in found]), ("time", [c.time for c in found])):
+        known = [ratio for ratio in ratios if ratio]
+        parts += [f"{name} × {geometric_mean(known):.2f}"] if known else []
+    text = f"{OVER_ALL[background]}, {method_name(method)} {_and(counts)}"
+    return f"{text}; on average {', '.join(parts)}." if parts else f"{text}."
+
+
+def _counts(gains: int, losses: int, doubtful: int) -> list[str]:
+    """Say on how many captures something happened; the first part names what is compared with."""
+    kinds = (
+        (gains, "gains", " over "),
+        (losses, "loses", " against "),
+        (doubtful, "does not measurably differ", " from "),
+    )
+    told = [kind for kind in kinds if kind[0]]
+    count, verb, preposition = told[0]
+    number = "all" if len(told) == 1 else f"{count} of"
+    first = (
+        f"{verb}{preposition}{method_name(BASE)} on {number} {gains + losses + doubtful} captures"
+    )
+    return [first, *(f"{verb} on {count}" for count, verb, _ in told[1:])]
+
+
+def _and(parts: Sequence[str]) -> str:
+    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
+
+
+def verdicts(rows: Sequence[Row]) -> list[Verdict]:
+    """Return one verdict per capture, in the order of the tables."""
+    rows = refused(rows)
+    mine = cells(rows)
+    return [
+        _of_capture(name, [c for c in mine if c.key.capture == name]) for name in captures(rows)
+    ]
+
+
+def _of_capture(name: str, mine: Sequence[Cell]) -> Verdict:
+    label = capture_name(name)
+    failed = [cell for cell in mine if not cell.finished]
+    found = [c for background in PREFERRED for c in compare(mine, background)]
+    details = [_detail(c) for c in found]
+    saved = _background_saving(mine)
+    details += [saved] if saved else []
+    if failed:
+        names = ", ".join(cell.key.condition for cell in failed)
+        details.append(f"Failed: {names}; the notes under the table say why.")
+    if not found:
+        what = "no condition finished" if len(failed) == len(mine) else "nothing to compare"
+        return Verdict(name, f"{label}: {what}.", tuple(details))
+    background = found[0].background
+    told = [one for one in found if one.background == background][:IN_HEADLINE]
+    words = "; ".join(
+        f"{method_name(one.method)} {_quality_words(one)} {method_name(BASE)}{_cost_words(one)}"
+        for one in told
+    )
+    return Verdict(name, f"{label}: {WHERE[background]}, {words}.", tuple(details))
+
+
+def compare(mine: Sequence[Cell], background: str) -> list[Comparison]:
+    """Compare every method of one capture and background with 3DGS."""
+    finished = [c for c in mine if c.key.background == background and c.finished]
+    base = next((c for c in finished if c.key.method == BASE), None)
+    if base is None:
+        return []
+    out = []
+    for cell in finished:
+        if cell is base:
+            continue
+        masked = view_scores(cell, "mask_psnr") and view_scores(base, "mask_psnr")
+        metric = "mask_psnr" if masked else "psnr"
+        interval = statistics.paired(view_scores(cell, metric), view_scores(base, metric))
+        size, time = ratio(cell, base, "size_mb"), ratio(cell, base, "time")
+        small = statistics.paired(
+            view_scores(cell, "detail_psnr"), view_scores(base, "detail_psnr")
+        )
+        out.append(Comparison(background, cell.key.method, metric, interval, size, time, small))
+    return out
+
+
+def signed(decibels: float) -> str:
+    """Two decimals with a sign, a true minus among them."""
+    return f"{decibels:+.2f}".replace("-", "−")
+
+
+def _quality_words(found: Comparison) -> str:
+    where = "inside the mask" if found.metric == "mask_psnr" else "over the full frame"
+    quality = found.quality
+    if quality is None:
+        return "has no view in common with"
+    if not quality.excludes_zero():
+        return f"does not measurably differ {where} ({signed(quality.mean)} dB) from"
+    verb, preposition = ("gains", "over") if quality.mean > 0 else ("loses", "against")
+    return f"{verb} {abs(quality.mean):.2f} dB {where} {preposition}"
+
+
+def _cost_words(found: Comparison) -> str:
+    parts = []
+    for times, saved, cost in (
+        (found.size, "a {} smaller file", "a {} larger file"),
+        (found.time, "{} less training time", "{} more training time"),
+    ):
+        if times is not None and abs(times - 1) >= NEGLIGIBLE:
+            parts.append((saved if times < 1 else cost).format(f"{abs(times - 1) * 100:.0f} %"))
+    if not parts:
+        return " at the same size" + (" and time" if found.time is not None else "")
+    return ", with " + " and ".join(parts)
+
+
+def _detail(found: Comparison) -> str:
+    head = f"{background_name(found.background)}: {method_name(found.method)} − {method_name(BASE)}"
+    quality = found.quality
+    metric = "PSNR in mask" if found.metric == "mask_psnr" else "PSNR"
+    if quality is None:
+        text = "no shared view"
+    elif quality.samples < 2:
+        text = f"{metric} {signed(quality.mean)} dB (one view: no interval)"
+    else:
+        text = (
+            f"{metric} {signed(quality.mean)} dB (95 % interval {signed(quality.low)} to "
+            f"{signed(quality.high)}, {quality.samples} paired views)"
+        )
+    ratios = ((found.size, "size"), (found.time, "time"))
+    small = [] if found.details is None else [f"small parts {signed(found.details.mean)} dB"]
+    parts = small + [f"{name} × {ratio:.2f}" for ratio, name in ratios if ratio is not None]
+    return f"{head}: {'; '.join([text, *parts])}."
+
+
+def _background_saving(mine: Sequence[Cell]) -> str:
+    """Say what removing the background changes for plain 3DGS."""
+    base = {c.key.background: c for c in mine if c.key.method == BASE and c.finished}
+    if base.keys() < {"original", "nobg"}:
+        return ""
+    size = ratio(base["nobg"], base["original"], "size_mb")
+    time = ratio(base["nobg"], base["original"], "time")
+    quality = statistics.paired(
+        view_scores(base["nobg"], "mask_psnr"), view_scores(base["original"], "mask_psnr")
+    )
+    parts = [f"PSNR in mask {signed(quality.mean)} dB"] if quality else []
+    parts += [f"size × {size:.2f}"] if size else []
+    parts += [f"time × {time:.2f}"] if time else []
+    return f"Removing the background, with 3DGS: {'; '.join(parts)}."
+
+
+def summary_line(rows: Sequence[Row], planned: int | None = None) -> str:
+    """Say how many experiments finished, of the rows or of those planned, and how long it took."""
+    rows = refused(rows)
+    finished = [row for row in rows if row["status"] == "finished"]
+    total = sum(float(row["metrics"]["time"]) for row in finished)
+    return (
+        f"{len(finished)} of {planned or len(rows)} experiments finished; "
+        f"{columns.duration(total)} of training in all."
+    )
+
+
+def facts(rows: Sequence[Row]) -> dict[str, str]:
+    """Say under what settings and on what machines the rows came about; label and value."""
+    rows = refused(rows)
+    origins = [row.get("provenance") or {} for row in rows if row["status"] == "finished"]
+    found = {
+        "Iterations": {f"{int(row['iterations']):,}" for row in rows},
+        "Longest side": {f"{row['resolution']} px" for row in rows},
+        "Seeds": {str(row["seed"]) for row in rows},
+        "CPU": {str(origin["cpu"]) for origin in origins if origin.get("cpu")},
+        "Threads per training": {str(o["threads"]) for o in origins if o.get("threads")},
+    }
+    return {label: ", ".join(sorted(values)) for label, values in found.items() if values}

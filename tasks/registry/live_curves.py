@@ -1,0 +1,117 @@
+"""Training curves in MLflow while the trainings run.
+
+Trainings write their curves to files, in batches; one thread of the flow reads what is new and logs
+it. So no training waits for a database, twelve of them do not write to it at once, and the process
+that trains never imports MLflow. Where workers keep their files elsewhere nothing is followed: the
+row that ends an experiment brings the whole curve. A registry that fails ends the following with a
+warning, and nothing else.
+"""
+
+import csv
+import logging
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tasks.registry import runs
+from tasks.row import Row
+from tasks.stages.process import StageJob
+from tasks.stages.stage import Place
+
+LOOK_EVERY = 2.0  # seconds
+CURVE_FILE = "curve.csv"
+
+
+@dataclass(frozen=True)
+class Expected:
+    """An experiment that may be trained: its row so far, and its settings."""
+
+    row: Row
+    settings: Mapping[str, Any]
+
+
+@contextmanager
+def following(
+    place: Place, tracking_uri: str, expected: Mapping[str, Expected], every: float = LOOK_EVERY
+) -> Iterator[None]:
+    """Log curves of the trainings of this benchmark that run meanwhile.
+
+    ``expected`` maps titles of training stages to their experiments.
+    """
+    follower = _Follower(place, tracking_uri, expected, every)
+    follower.start()
+    try:
+        yield
+    finally:
+        follower.end()
+
+
+class _Follower(threading.Thread):
+    def __init__(
+        self, place: Place, tracking_uri: str, expected: Mapping[str, Expected], every: float
+    ) -> None:
+        super().__init__(name="curves", daemon=True)
+        self._place, self._uri, self._expected, self._every = place, tracking_uri, expected, every
+        self._over = threading.Event()
+        self._runs: dict[str, str] = {}  # title → run
+        self._seen: dict[str, int] = {}  # title → last step that was logged
+
+    def run(self) -> None:
+        try:
+            while not self._over.wait(self._every):
+                for job in running_trainings(self._place):
+                    self._log(job)
+        except Exception as error:  # whatever MLflow, its database or its server raise
+            text = "training curves are not followed any more: %s"
+            logging.getLogger("mattgs").warning(text, error)
+
+    def end(self) -> None:
+        """Stop; a call to the registry that is under way is finished first."""
+        self._over.set()
+        self.join()
+
+    def _log(self, job: StageJob) -> None:
+        experiment = self._expected.get(job.title)
+        if experiment is None:
+            return
+        curve = read_curve(job.out / CURVE_FILE)
+        new = [point for point in curve if point["step"] > self._seen.get(job.title, 0)]
+        if not new:
+            return
+        if job.title not in self._runs:
+            place = self._place.out / "mlflow-artifacts"
+            benchmark = experiment.row["benchmark"]
+            opened = runs.open_benchmark(self._uri, benchmark, place)
+            run = runs.begin(self._uri, opened, experiment.row, experiment.settings)
+            self._runs[job.title] = run
+        runs.log_curve(self._uri, self._runs[job.title], new)
+        self._seen[job.title] = int(new[-1]["step"])
+
+
+def running_trainings(place: Place) -> list[StageJob]:
+    """Return the trainings of this benchmark that run on files we can see."""
+    jobs = []
+    for path in sorted(place.logs.glob("train-*.job.json")):
+        try:
+            job = StageJob.load(path)
+        except (OSError, ValueError, TypeError, KeyError):
+            continue  # it has just ended, or is just being written
+        if job.status.parent == place.status:
+            jobs.append(job)
+    return jobs
+
+
+def read_curve(path: Path) -> list[dict[str, float]]:
+    """Read a training curve, one mapping per line with ``step``; empty while there is none.
+
+    The last line may still be half written: it counts only with its end.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError:
+        return []
+    whole = text[: text.rfind("\n") + 1].splitlines()
+    return [{key: float(value) for key, value in line.items()} for line in csv.DictReader(whole)]

@@ -1,0 +1,174 @@
+"""Put a row into the registry; a registry that fails never costs a finished experiment."""
+
+import glob
+import logging
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from mattgs_ops.capture.scene import Scene
+from mattgs_ops.capture.scene_example import example
+from tasks.registry import interface_view, orphans, promotion, runs, summary
+from tasks.registry.live_curves import CURVE_FILE, read_curve
+from tasks.row import Row, scene_of
+from tasks.stages.stage import KEY_LETTERS, Artifact, Place, slug
+
+# Stage → what of its folder a run keeps → the folder in the run ("": the top)
+KEPT = {
+    "train": {
+        "splats.ply": "",
+        "training.json": "",
+        CURVE_FILE: "",
+        "start.npz": "",
+        "pruned.npz": "",
+    },
+    "evaluate": {
+        "evaluation.json": "",
+        "views.json": "",
+        "renders": "renders",
+        "truth/test": "truth/test",
+        "masks/test": "masks/test",
+    },
+    "segment": {"masks.json": ""},
+    "sfm": {"scene.json": "scene", "points.npz": "scene", "sfm.png": "scene", "sfm.log": "logs"},
+    # where views voted, theirs are the masks and the points that trainings start from
+    "agree": {"masks.json": "", "scene.json": "scene", "points.npz": "scene"},
+}
+
+
+def record(
+    place: Place,
+    tracking_uri: str,
+    row: Row,
+    settings: dict[str, Any],
+    artifacts: dict[str, Artifact],
+) -> Row:
+    """Log an experiment's row and files, splats and renders among them; its run stays open.
+
+    Returns the row with its run's id, None where the registry failed.
+    """
+    try:
+        experiment = runs.open_benchmark(
+            tracking_uri,
+            row["benchmark"],
+            # a server that others share keeps files itself, where all can see them
+            None if tracking_uri.startswith("http") else place.out / "mlflow-artifacts",
+        )
+        run_id = runs.record(
+            tracking_uri,
+            experiment,
+            row,
+            parameters=settings,
+            curve=_curve(place, artifacts),
+            files=_files(place, row, artifacts),
+            final=False,
+        )
+    except Exception as error:  # whatever MLflow, its database or its server raise
+        _warn(row, error)
+        return row
+    return row | {"run_id": run_id}
+
+
+def close(tracking_uri: str, row: Row, recorded: Row) -> Row:
+    """Close the run that holds ``recorded`` with ``row``, which has what was measured last.
+
+    Returns the row with its run's id.
+    """
+    if recorded["run_id"] is None:  # the registry failed, and said so
+        return row
+    row = row | {"run_id": recorded["run_id"]}
+    try:
+        runs.finish(tracking_uri, row, recorded)
+    except Exception as error:  # whatever MLflow, its database or its server raise
+        _warn(row, error)
+    return row
+
+
+def _warn(row: Row, error: Exception) -> None:
+    name = f"{row['capture']} {row['condition']} seed {row['seed']}"
+    logging.getLogger("mattgs").warning("%s was not logged to MLflow: %s", name, error)
+
+
+def record_summary(
+    place: Place, tracking_uri: str, benchmark: str, rows: list[Row], report: Path
+) -> str | None:
+    """Log a benchmark's rows and its report's folder to its summary run; never raises.
+
+    ``report`` is the page, logged with all that lies beside it. Returns the page's address on the
+    MLflow server; None where there is no server, or it failed.
+    """
+    try:
+        experiment = runs.open_benchmark(tracking_uri, benchmark, place.out / "mlflow-artifacts")
+        run_id = summary.record_summary(tracking_uri, experiment, benchmark, rows, report.parent)
+    except Exception as error:  # whatever MLflow, its database or its server raise
+        text = "the summary of %s was not logged to MLflow: %s"
+        logging.getLogger("mattgs").warning(text, benchmark, error)
+        return None
+    file = f"{summary.REPORT_FOLDER}/{report.name}"
+    return interface_view.file_address(tracking_uri, experiment, run_id, file)
+
+
+def close_orphans(tracking_uri: str, benchmark: str) -> None:
+    """Close runs that an earlier, killed run of this benchmark left open; never raises."""
+    try:
+        closed = orphans.close_orphans(tracking_uri, benchmark)
+    except Exception as error:  # whatever MLflow, its database or its server raise
+        text = "open runs of %s could not be looked through in MLflow: %s"
+        logging.getLogger("mattgs").warning(text, benchmark, error)
+        return
+    if closed:
+        text = "closed what an interrupted run left open in MLflow: %s"
+        logging.getLogger("mattgs").info(text, ", ".join(closed))
+
+
+def promoted(tracking_uri: str, benchmark: str) -> list[Row]:
+    """Return the rows of a benchmark's promoted baselines; none where the registry failed."""
+    try:
+        return promotion.aliased_rows(tracking_uri, benchmark)
+    except Exception as error:  # whatever MLflow, its database or its server raise
+        text = "the baselines of %s could not be read from MLflow: %s"
+        logging.getLogger("mattgs").warning(text, benchmark, error)
+        return []
+
+
+def _curve(place: Place, artifacts: dict[str, Artifact]) -> list[dict[str, float]]:
+    if "train" not in artifacts:
+        return []
+    return read_curve(place.folder(artifacts["train"]) / CURVE_FILE)
+
+
+def _files(place: Place, row: Row, artifacts: dict[str, Artifact]) -> Iterator[tuple[Path, str]]:
+    """Yield what a run keeps, and where in the run: all that a report or a viewer needs."""
+    for stage, names in KEPT.items():
+        if stage in artifacts:
+            folder = place.folder(artifacts[stage])
+            for name, where in names.items():
+                if (folder / name).exists():
+                    yield folder / name, where
+    if "sfm" in artifacts:
+        yield from _example(place.folder(scene_of(artifacts)))
+    yield from ((log, "logs") for log in _logs(place, row, artifacts))
+
+
+def _example(folder: Path) -> Iterator[tuple[Path, str]]:
+    """Yield the one photo and mask of the scene that figures show."""
+    view = example(Scene.load(folder))
+    for path in () if view is None else (view.photo, view.mask):
+        if path is not None and path.is_file():
+            yield path, f"scene/{path.relative_to(folder).parent.as_posix()}"
+
+
+def _logs(place: Place, row: Row, artifacts: dict[str, Artifact]) -> Iterator[Path]:
+    """Yield the log of each stage; of one that failed the newest of its title."""
+    cell = f"{row['capture']} {row['condition']} seed {row['seed']}"
+    owners = dict.fromkeys(("segment", "sfm", "agree"), row["capture"])
+    owners |= {"train": cell, "evaluate": cell}
+    for stage, owner in owners.items():
+        title = slug(f"{stage} {owner}")
+        if stage in artifacts:
+            digest = artifacts[stage].key.rpartition("/")[2]
+            logs = list(place.logs.glob(f"{glob.escape(title)}-{digest[:KEY_LETTERS]}.log"))
+        else:
+            found = place.logs.glob(f"{glob.escape(title)}-{'[0-9a-f]' * KEY_LETTERS}.log")
+            logs = sorted(found, key=lambda path: path.stat().st_mtime)[-1:]
+        yield from logs

@@ -1,0 +1,315 @@
+"""Rows in MLflow: with the modules ``registry_*`` beside it the only ones that speak to it.
+
+One MLflow experiment per benchmark, one flat run per row (nested runs break the comparison charts).
+A run carries tags to group and filter by, the configuration as flat parameters, the row's metrics
+under their plain names, the training curve as metrics ``curve_*`` by step, and the per-view scores
+and the row itself as artifacts. Points of a curve are logged once, whether they come while the
+training runs or with its row. A row that is recorded again, by a rerun or with more metrics,
+updates its run instead of adding one; which run is its own is said by the tag ``mattgs.row``.
+
+A fresh SQLite database must be initialised once (:func:`initialise`) before several processes use
+it: concurrent first use would corrupt it for good.
+"""
+
+import hashlib
+import json
+import math
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from mattgs_ops.errors import InputError
+from tasks.registry import interface_view, run_owner
+
+Row = dict[str, Any]
+
+ROW_FILE, VIEWS_FILE, CONFIG_FILE = "row.json", "per_view.json", "config.json"
+BATCH_METRICS, BATCH_PARAMETERS = 1000, 100  # MLflow's limits for one call of log_batch
+PARAMETER_LENGTH = 6000  # MLflow's limit for a value
+OWNER_TAG = "mattgs.owner"  # of runs under way: see tasks/registry/run_owner.py
+TAGS = ("capture", "condition", "background", "method", "seed", "iterations", "resolution")
+IDENTITY = ("benchmark", *TAGS)
+
+
+def initialise(tracking_uri: str) -> None:
+    """Create the database's tables; raises :class:`InputError` when the place cannot be used."""
+    from mlflow.exceptions import MlflowException
+
+    if tracking_uri.startswith("sqlite:///"):
+        Path(tracking_uri.removeprefix("sqlite:///")).parent.mkdir(parents=True, exist_ok=True)
+    try:
+        _client(tracking_uri).search_experiments(max_results=1)
+    except MlflowException as error:
+        raise InputError(f"MLflow at {tracking_uri} cannot be used: {error}") from error
+
+
+def open_benchmark(tracking_uri: str, benchmark: str, artifacts: Path | None) -> str:
+    """Return the id of the benchmark's MLflow experiment, made when there is none.
+
+    ``artifacts`` is where its files go; None, and any server that others share, leaves that to the
+    MLflow server.
+    """
+    from mlflow.exceptions import MlflowException
+
+    client = _client(tracking_uri)
+    found = client.get_experiment_by_name(benchmark)
+    if found is None:
+        shared = tracking_uri.startswith("http")
+        place = None if artifacts is None or shared else (artifacts.resolve() / benchmark).as_uri()
+        try:
+            tags = interface_view.experiment_tags()
+            return str(client.create_experiment(benchmark, place, tags))
+        except MlflowException:  # another flow was faster
+            found = client.get_experiment_by_name(benchmark)
+            if found is None:
+                raise
+    if found.lifecycle_stage == "deleted":
+        client.restore_experiment(found.experiment_id)
+    view = interface_view.experiment_tags()[interface_view.VIEW_TAG]
+    if found.tags.get(interface_view.VIEW_TAG) != view:  # of an earlier version of the project
+        client.set_experiment_tag(found.experiment_id, interface_view.VIEW_TAG, view)
+    return str(found.experiment_id)
+
+
+def record(
+    tracking_uri: str,
+    experiment: str,
+    row: Row,
+    *,
+    parameters: Mapping[str, Any],
+    curve: Sequence[Mapping[str, float]] = (),
+    files: Iterable[tuple[Path, str]] = (),
+    final: bool = True,
+) -> str:
+    """Write a row to its run and return the run's id.
+
+    ``parameters`` may be nested, they are flattened with dots. ``curve`` holds one mapping per
+    step, each with ``step``. ``files`` are files or folders and the folder in the run that they go
+    to (empty: the top). The row that is stored names its run. A run whose row is not ``final`` is
+    shown as running.
+    """
+    client = _client(tracking_uri)
+    run_id = _run_of(client, experiment, row)
+    _log_metrics(client, run_id, _metrics(row, time.time_ns() // 1_000_000))
+    log_curve(tracking_uri, run_id, curve)
+    _log_parameters(client, run_id, parameters)
+    client.log_dict(run_id, dict(parameters), CONFIG_FILE)
+    for local, place in files:
+        log = client.log_artifacts if local.is_dir() else client.log_artifact
+        log(run_id, str(local), place or None)
+    _log_views(client, run_id, row.get("per_view") or [])
+    client.log_dict(run_id, row | {"run_id": run_id}, ROW_FILE)
+    ended = "FINISHED" if row["status"] == "finished" else "FAILED"
+    if final:
+        client.set_terminated(run_id, ended)
+    else:
+        open_run(client, run_id)
+    return run_id
+
+
+def finish(tracking_uri: str, row: Row, before: Row) -> None:
+    """Close the run of ``row``, which was recorded as ``before``: bring what is new since."""
+    client, run_id = _client(tracking_uri), before["run_id"]
+    old = before.get("metrics") or {}
+    new = {k: v for k, v in (row.get("metrics") or {}).items() if k not in old or old[k] != v}
+    _log_metrics(client, run_id, _metrics({"metrics": new}, time.time_ns() // 1_000_000))
+    if _ended(row) != _ended(before):
+        _log_tags(client, run_id, _ended(row))
+    client.log_dict(run_id, row | {"run_id": run_id}, ROW_FILE)
+    client.set_terminated(run_id, "FINISHED" if row["status"] == "finished" else "FAILED")
+
+
+def begin(tracking_uri: str, experiment: str, row: Row, parameters: Mapping[str, Any]) -> str:
+    """Open the run of an experiment that is under way, and return its id.
+
+    Its row, recorded later, finds the same run.
+    """
+    client = _client(tracking_uri)
+    run_id = _run_of(client, experiment, row)
+    open_run(client, run_id)
+    _log_parameters(client, run_id, parameters)
+    return run_id
+
+
+def log_curve(tracking_uri: str, run_id: str, curve: Sequence[Mapping[str, float]]) -> None:
+    """Add the points of a training curve that the run does not have yet, in as few calls as can be.
+
+    Points hold ``step`` and any numbers, and come in the order of their steps.
+    """
+    if not curve:
+        return
+    client = _client(tracking_uri)
+    name = next(key for key in curve[0] if key != "step")
+    known = client.get_metric_history(run_id, f"curve_{name}")
+    last = max((metric.step for metric in known), default=-1)
+    new = [point for point in curve if point["step"] > last]
+    _log_metrics(client, run_id, _curve_metrics(new, time.time_ns() // 1_000_000))
+
+
+def rows(tracking_uri: str, benchmark: str) -> list[Row]:
+    """Return the rows of a benchmark as they were recorded, newest first.
+
+    Rows of runs that were interrupted, so that others finished what they began, come last. Raises
+    :class:`InputError` that names the known benchmarks when there is none of this name.
+    """
+    client = _client(tracking_uri)
+    found = client.get_experiment_by_name(benchmark)
+    if found is None:
+        known = ", ".join(benchmarks(tracking_uri)) or "none yet"
+        raise InputError(f"no benchmark is called {benchmark!r}; known: {known}")
+    ended: list[Row] = []
+    others: list[Row] = []
+    for run in _pages(client, found.experiment_id):
+        whole = run.info.status in ("FINISHED", "FAILED")
+        if not whole and not _has_row(client, run.info.run_id):
+            continue  # at work, or killed before it had a row
+        path = client.download_artifacts(run.info.run_id, ROW_FILE)
+        row = json.loads(Path(path).read_text(encoding="utf-8"))
+        (others if run.info.status == "KILLED" else ended).append(row)
+    return ended + others
+
+
+def _has_row(client: Any, run_id: str) -> bool:
+    return any(file.path == ROW_FILE for file in client.list_artifacts(run_id))
+
+
+def benchmarks(tracking_uri: str) -> list[str]:
+    """Return the names of all recorded benchmarks."""
+    found = _client(tracking_uri).search_experiments()
+    return sorted(e.name for e in found if e.name != "Default")
+
+
+def row_key(row: Mapping[str, Any]) -> str:
+    """Identify a row: its place in the grid, its configuration, inputs and code.
+
+    The same experiment run again has the same key, whatever came out.
+    """
+    provenance = row.get("provenance") or {}
+    parts: dict[str, Any] = {name: row[name] for name in IDENTITY}
+    parts |= {name: provenance.get(name) for name in ("config_digest", "code_version", "inputs")}
+    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:32]
+
+
+def experiment_key(row: Mapping[str, Any]) -> tuple[Any, ...]:
+    """Identify the place in a benchmark's grid, whatever code or photos it was run with."""
+    return tuple(row[name] for name in IDENTITY)
+
+
+def flatten(nested: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
+    """Flatten nested mappings: ``{"train": {"lr": 1}}`` → ``{"train.lr": "1"}``."""
+    out: dict[str, str] = {}
+    for key, value in nested.items():
+        if isinstance(value, Mapping):
+            out |= flatten(value, f"{prefix}{key}.")
+        else:
+            out[f"{prefix}{key}"] = str(value)[:PARAMETER_LENGTH]
+    return out
+
+
+def open_run(client: Any, run_id: str) -> None:
+    """Show the run as running, and this process as the one that works on it."""
+    client.set_tag(run_id, OWNER_TAG, run_owner.owner())
+    client.update_run(run_id, status="RUNNING")
+
+
+def _client(tracking_uri: str) -> Any:
+    from mlflow.tracking import MlflowClient
+
+    return MlflowClient(tracking_uri=tracking_uri)
+
+
+def _run_of(client: Any, experiment: str, row: Row) -> str:
+    """Return the row's own run, made when there is none, with its tags."""
+    provenance = row.get("provenance") or {}
+    tags = {name: str(row[name]) for name in TAGS}
+    tags |= _ended(row) | {
+        "mattgs.row": row_key(row),
+        "code_version": str(provenance.get("code_version", "")),
+        "git": str(provenance.get("git", "")),
+        "config_digest": str(provenance.get("config_digest", "")),
+    }
+    run_id = _find_run(client, experiment, row)
+    if run_id is None:
+        name = f"{row['capture']} {row['condition']} seed {row['seed']}"
+        return str(client.create_run(experiment, tags=tags, run_name=name).info.run_id)
+    _log_tags(client, run_id, tags)
+    return run_id
+
+
+def _ended(row: Row) -> dict[str, str]:
+    return {"status": row["status"], "reason": str(row.get("reason") or "")}
+
+
+def _find_run(client: Any, experiment: str, row: Row) -> str | None:
+    query = f"tags.`mattgs.row` = '{row_key(row)}'"
+    found = client.search_runs([experiment], filter_string=query, max_results=1)
+    return str(found[0].info.run_id) if found else None
+
+
+def _metrics(row: Row, now: int) -> list[Any]:
+    from mlflow.entities import Metric
+
+    found = (row.get("metrics") or {}).items()
+    return [Metric(key, float(value), now, 0) for key, value in found if _is_number(value)]
+
+
+def _curve_metrics(curve: Sequence[Mapping[str, float]], now: int) -> list[Any]:
+    from mlflow.entities import Metric
+
+    return [
+        Metric(f"curve_{key}", float(value), now, int(point["step"]))
+        for point in curve
+        for key, value in point.items()
+        if key != "step" and _is_number(value)
+    ]
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _log_metrics(client: Any, run_id: str, metrics: list[Any]) -> None:
+    for start in range(0, len(metrics), BATCH_METRICS):
+        client.log_batch(run_id, metrics=metrics[start : start + BATCH_METRICS])
+
+
+def _log_tags(client: Any, run_id: str, tags: Mapping[str, str]) -> None:
+    from mlflow.entities import RunTag
+
+    client.log_batch(run_id, tags=[RunTag(key, value) for key, value in tags.items()])
+
+
+def _log_parameters(client: Any, run_id: str, parameters: Mapping[str, Any]) -> None:
+    from mlflow.entities import Param
+
+    flat = [Param(key, value) for key, value in flatten(parameters).items()]
+    for start in range(0, len(flat), BATCH_PARAMETERS):
+        client.log_batch(run_id, params=flat[start : start + BATCH_PARAMETERS])
+
+
+def _log_views(client: Any, run_id: str, views: Sequence[Mapping[str, Any]]) -> None:
+    """Store per-view scores as a table that MLflow's interface shows as one."""
+    if not views:
+        return
+    columns = list(dict.fromkeys(key for view in views for key in view))
+    data = [[view.get(column) for column in columns] for view in views]
+    client.log_dict(run_id, {"columns": columns, "data": data}, VIEWS_FILE)
+    tables = json.dumps([{"path": VIEWS_FILE, "type": "table"}])
+    client.set_tag(run_id, "mlflow.loggedArtifacts", tables)
+
+
+def _pages(client: Any, experiment: str) -> Iterable[Any]:
+    token = None
+    query = "tags.`mattgs.row` != ''"
+    while True:
+        page = client.search_runs(
+            [experiment],
+            filter_string=query,
+            order_by=["attributes.start_time DESC"],
+            page_token=token,
+        )
+        yield from page
+        token = page.token
+        if not token:
+            return

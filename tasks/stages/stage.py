@@ -1,0 +1,208 @@
+"""One stage of one experiment: looked up in the store, else done, and kept.
+
+:func:`perform` is what every stage task calls. A finished stage is never repeated; two flows never
+do it at once; an interrupted one goes on in its work folder. What passes between tasks is an
+:class:`Artifact`, a reference into the store; folders never travel.
+"""
+
+import os
+import time
+from collections.abc import Mapping
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import mattgs_ops
+import tasks
+from mattgs_ops.config import RunConfig
+from mattgs_ops.store import provenance
+from mattgs_ops.store.code_version import STAGES, code_version
+from mattgs_ops.store.store import Finished, Slot, Store, stage_key
+from tasks.stages import process, quiet, travelling
+from tasks.stages.status import StatusFile, read
+
+KEY_LETTERS = 8  # of a key, in names of log files
+WORK_FOLDER = "MATTGS_WORK"  # environment variable of workers that do not see the output folder
+SOURCE_SUFFIXES = {".py", ".cpp", ".h", ".so"}
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One experiment of a benchmark's grid; prints as people say it."""
+
+    capture: str
+    condition: str
+    seed: int
+
+    def __str__(self) -> str:
+        return f"{self.capture} {self.condition} seed {self.seed}"
+
+
+@dataclass(frozen=True)
+class Artifact:
+    """A finished stage: its key, the digest of what it produced, and what that took.
+
+    ``seconds`` are those of the run that produced it; ``cached`` says that this was not now.
+    """
+
+    stage: str
+    key: str
+    digest: str
+    seconds: float
+    cached: bool
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a benchmark works. Never part of a key: another place, the same results.
+
+    ``out`` is the flow's folder. A worker that does not see it names its own in ``MATTGS_WORK`` and
+    gets artifacts through the store of ``run.store``.
+    """
+
+    out: Path
+    benchmark: str
+    run: RunConfig = field(default_factory=RunConfig)
+
+    @property
+    def store(self) -> Path:
+        """Folder of the finished stages."""
+        return self.here / "store"
+
+    @property
+    def here(self) -> Path:
+        """Folder on this machine for stages, status and logs."""
+        return Path(os.environ.get(WORK_FOLDER) or self.out)
+
+    def open_store(self) -> Store:
+        """Return the store, with the one that machines share where there is one."""
+        return Store(self.store, self.run.store)
+
+    @property
+    def status(self) -> Path:
+        """Folder of the status files."""
+        return self.here / "status" / self.benchmark
+
+    @property
+    def logs(self) -> Path:
+        """Folder of the stages' logs."""
+        return self.here / "logs"
+
+    def reference(self, artifact: Artifact) -> str:
+        """Return where an artifact's files lie, relative to the store."""
+        store = Store(self.store)
+        return str(store.folder(artifact.key).relative_to(store.root))
+
+    def folder(self, artifact: Artifact) -> Path:
+        """Return the local folder of an artifact's files, brought here where need be."""
+        if self.run.store is None:
+            return Store(self.store).folder(artifact.key)
+        return self.open_store().fetch(artifact.key).folder
+
+    def extra(self, artifact: Artifact) -> Mapping[str, Any]:
+        """Return what was noted when the artifact was made: seconds, threads, the machine."""
+        found = Store(self.store).find(artifact.key, contents=False)
+        return {} if found is None else found.extra
+
+
+@dataclass(frozen=True)
+class Stage:
+    """What to do.
+
+    ``parameters`` and ``inputs`` (name → digest) make the key, with the code's version;
+    ``arguments`` are what ``operation`` (``MODULE:FUNCTION``) is called with, and may hold paths.
+    ``resumes``: the operation goes on from what an interrupted attempt left in its work folder,
+    once the file of this name is there; ``alone``: it waits until nothing else runs on this
+    machine.
+    """
+
+    name: str
+    title: str
+    operation: str
+    parameters: Mapping[str, Any]
+    inputs: Mapping[str, str]
+    arguments: Mapping[str, Any]
+    resumes: str | None = None
+    alone: bool = False
+
+
+def perform(place: Place, stage: Stage) -> Artifact:
+    """Return the stage's artifact, made now unless the store has it.
+
+    Raises what the operation raised, and :class:`StageError` when its process crashed or was
+    ended.
+    """
+    status = StatusFile(place.status / f"{slug(stage.title)}.json")
+    before = read(status.path)
+    status.begin(stage.title, stage.name)
+    version = _code_version(stage.name, _source_times())
+    key = stage_key(stage.name, version, stage.parameters, stage.inputs)
+    try:
+        with place.open_store().stage(key, resume=stage.resumes is not None) as slot:
+            cached = slot.finished is not None
+            finished = slot.finished or _make(place, stage, slot, status)
+    except Exception as error:
+        status.end("failed", str(error))
+        raise
+    if cached and before is not None and before.state in ("done", "cached"):
+        status.restore(before)  # asked for twice in one run: the first answer says what it took
+    else:
+        status.end("cached" if cached else "done")
+    seconds = float(finished.extra["seconds"])
+    return Artifact(stage.name, finished.key, finished.digest, seconds, cached)
+
+
+def _make(place: Place, stage: Stage, slot: Slot, status: StatusFile) -> Finished:
+    name = f"{slug(stage.title)}-{slot.key.digest[:KEY_LETTERS]}.log"
+    job = process.StageJob(
+        title=stage.title,
+        operation=stage.operation,
+        arguments=dict(stage.arguments),
+        out=slot.work,
+        log=place.logs / name,
+        status=status.path,
+        threads=place.run.threads,
+        timeout=place.run.stage_timeout,
+    )
+    if stage.alone:
+        status.progress(0, 0, "waiting for a quiet machine")
+    with quiet.alone() if stage.alone else quiet.busy():
+        status.progress(0, 0, "")
+        began = time.monotonic()
+        with _copied(place, stage, slot):
+            process.run(job)
+        seconds = round(time.monotonic() - began, 3)
+    machine = provenance.describe(place.run.threads)
+    return slot.finish({"seconds": seconds, "machine": machine, "inputs": dict(stage.inputs)})
+
+
+def _copied(place: Place, stage: Stage, slot: Slot) -> AbstractContextManager[None]:
+    if place.run.store is None or stage.resumes is None:
+        return nullcontext()
+    return travelling.copied(slot, stage.resumes, place.run.checkpoint_copy_every)
+
+
+def code_versions() -> dict[str, str]:
+    """Return the digest of the code behind each stage."""
+    times = _source_times()
+    return {name: _code_version(name, times) for name in STAGES}
+
+
+@lru_cache(maxsize=32)
+def _code_version(name: str, times: tuple[tuple[str, int], ...]) -> str:
+    """Digest the code behind a stage, its task's included, again when a source was touched."""
+    del times
+    return code_version(name, f"tasks.{name}")
+
+
+def _source_times() -> tuple[tuple[str, int], ...]:
+    roots = (Path(mattgs_ops.__file__).parent, Path(tasks.__file__).parent)
+    sources = sorted(p for root in roots for p in root.rglob("*") if p.suffix in SOURCE_SUFFIXES)
+    return tuple((str(path), path.stat().st_mtime_ns) for path in sources)
+
+
+def slug(title: str) -> str:
+    """Turn a title into a file name."""
+    return title.replace(" ", "-")

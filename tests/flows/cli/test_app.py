@@ -1,0 +1,114 @@
+"""The command line: quick to answer, plain about what is wrong, no tracebacks."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from flows.cli import app
+
+HEAVY = ("torch", "prefect", "mlflow", "dask", "distributed", "cv2", "pycolmap", "onnxruntime")
+
+
+def mattgs(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "flows.cli.app", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+
+
+def photos(folder: Path, count: int) -> Path:
+    folder.mkdir()
+    for index in range(count):
+        Image.new("RGB", (64, 48), (10 * index, 50, 90)).save(folder / f"{index}.png")
+    return folder
+
+
+def test_help_names_the_commands_and_imports_nothing_heavy() -> None:
+    code = (
+        "import sys, flows.cli.app\n"
+        "try: flows.cli.app.app(['--help'])\n"
+        "except SystemExit: pass\n"
+        f"print([m for m in {HEAVY!r} if m in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
+    )
+    for command in ("run", "report", "status", "ui", "clean", "captures", "segment"):
+        assert f" {command} " in done.stdout
+    assert done.stdout.strip().endswith("[]")
+
+
+def test_an_unknown_key_is_refused_by_name(tmp_path: Path) -> None:
+    (tmp_path / "b.toml").write_text("iteration = 5\n")
+    done = mattgs("run", "--config", tmp_path / "b.toml", "--out", tmp_path / "out")
+    assert done.returncode == 2
+    assert done.stderr == f"mattgs: {tmp_path / 'b.toml'}: unknown key `iteration`\n"
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("count", "says"),
+    [(0, "found 0 photos"), (2, "found 2 photos; at least 3"), (4, "notes.txt")],
+)
+def test_bad_photos_end_with_a_plain_message_before_any_work(
+    tmp_path: Path, count: int, says: str
+) -> None:
+    folder = photos(tmp_path / "cat", count)
+    if count == 4:
+        (folder / "notes.txt").write_text("not a photo")
+    done = mattgs("run", "--photos", folder, "--out", tmp_path / "out")
+    assert done.returncode == 2, done.stdout + done.stderr
+    assert done.stderr.startswith("mattgs: ")
+    assert says in done.stderr
+    assert "Traceback" not in done.stdout + done.stderr
+    assert not list((tmp_path / "out").glob("store/*/*/manifest.json"))
+
+
+def test_status_of_nothing_says_so(tmp_path: Path) -> None:
+    done = mattgs("status", "--out", tmp_path)
+    assert done.returncode == 2
+    assert "nothing known of any benchmark" in done.stderr
+
+
+def test_nothing_of_ours_survives_a_refused_run(tmp_path: Path) -> None:
+    folder = photos(tmp_path / "cat", 1)
+    mattgs("run", "--photos", folder, "--out", tmp_path / "out")
+    marker = str(tmp_path).encode()
+    mine = [p for p in Path("/proc").glob("[0-9]*") if p.name != str(os.getpid())]
+    assert not [p for p in mine if marker in command_line(p)]
+
+
+def command_line(process: Path) -> bytes:
+    try:
+        return (process / "cmdline").read_bytes()
+    except OSError:  # it has just ended
+        return b""
+
+
+def test_a_full_disk_is_said_plainly(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def write_to_a_full_disk() -> None:
+        with Path("/dev/full").open("w") as file:
+            file.write("x")
+
+    monkeypatch.setattr(app, "app", write_to_a_full_disk)
+    with pytest.raises(SystemExit, match="1"):
+        app.main()
+    assert "No space left on device: make room" in capsys.readouterr().err
+
+
+def test_ctrl_c_says_that_the_same_command_goes_on(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*_: object) -> bool:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("flows.cli.run.run_benchmark", interrupted)
+    monkeypatch.setattr(sys, "argv", ["mattgs", "run"])
+    with pytest.raises(SystemExit) as ended:
+        app.main()
+    assert ended.value.code == app.EXIT_INTERRUPTED
+    assert capsys.readouterr().err == "mattgs: interrupted; the same command goes on from here\n"

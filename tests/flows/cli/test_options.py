@@ -1,0 +1,78 @@
+"""Options and files become one configuration; what cannot be meant is refused by name."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from flows.cli.options import benchmark_config, numbers, size, slug, words
+from mattgs_ops.errors import InputError
+
+
+def test_without_options_the_bundled_captures_run_under_all_conditions_the_papers_first() -> None:
+    config = benchmark_config(None, {"name": None, "iterations": None})
+    assert [c.name for c in config.captures] == ["rover", "hexapod", "lattepanda"]
+    paper = ("original-3dgs", "original-ours", "nobg-3dgs", "nobg-ours")
+    assert config.conditions == (*paper, "original-ours+", "nobg-ours+")
+
+
+def test_options_override_the_file(tmp_path: Path) -> None:
+    file = tmp_path / "b.toml"
+    file.write_text('name = "mine"\niterations = 7\nresolution = 64\n[run]\nthreads = 2\n')
+    config = benchmark_config(file, {"iterations": 9, "workers": 3})
+    assert (config.name, config.iterations, config.resolution) == ("mine", 9, 64)
+    assert (config.run.threads, config.run.workers) == (2, 3)
+
+
+@pytest.mark.parametrize(
+    ("folder", "name"), [("my cat", "my-cat"), ("cat/images", "cat"), ("Ünïcode", "n-code")]
+)
+def test_photos_name_capture_and_benchmark_after_their_folder(
+    tmp_path: Path, folder: str, name: str
+) -> None:
+    config = benchmark_config(None, {"photos": tmp_path / folder})
+    assert config.name == name
+    (capture,) = config.captures
+    assert (capture.name, capture.kind, capture.path) == (name, "photos", tmp_path / folder)
+
+
+def test_a_name_is_the_captures_and_the_benchmarks(tmp_path: Path) -> None:
+    options = {"capture": tmp_path / "x", "name": "toy", "masks": tmp_path / "m"}
+    config = benchmark_config(None, options)
+    assert (config.name, config.captures[0].name) == ("toy", "toy")
+    assert (config.captures[0].kind, config.captures[0].masks) == ("auto", tmp_path / "m")
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"captures": ("robot",)}, "--captures.*'robot'.*rover, hexapod, lattepanda"),
+        ({"photos": Path("a"), "capture": Path("b")}, "--photos and --capture"),
+        ({"masks": Path("m")}, "--masks: goes with --photos"),
+        ({"captures": ("rover",), "masks": Path("m")}, "not with bundled"),
+        ({"iterations": 0}, "`iterations`.*found 0"),
+        ({"conditions": ("nobg-mine",)}, "'mine': expected one of 3dgs, ours"),
+        ({"conditions": ("white-3dgs",)}, "BACKGROUND-METHOD"),
+        ({"seeds": (1, 1)}, "`seeds`: expected different ones"),
+        ({"name": "a b"}, "`name`"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused_by_name(options: dict[str, Any], says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        benchmark_config(None, options)
+
+
+def test_lists_are_split_at_commas_and_blanks() -> None:
+    assert words("a,b c, d") == ("a", "b", "c", "d")
+    assert words(None) is None
+    assert numbers("0, 1 2", "--seeds") == (0, 1, 2)
+    assert size("640x480", "--resolution") == (640, 480)
+    with pytest.raises(InputError, match=r"--seeds.*'1,x'"):
+        numbers("1,x", "--seeds")
+    with pytest.raises(InputError, match=r"--resolution.*'640'"):
+        size("640", "--resolution")
+
+
+def test_any_folder_name_becomes_a_valid_name() -> None:
+    assert slug("  my (best) cat! ") == "my-best-cat"
+    assert slug("???") == "capture"

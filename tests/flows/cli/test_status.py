@@ -1,0 +1,76 @@
+"""What ``mattgs status`` says of each experiment."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from flows.cli import status
+from flows.grid import stages
+from mattgs_ops.config import BenchmarkConfig
+from tasks.stages.stage import slug
+from tasks.stages.status import StatusFile, read_all
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Return the status of a grid of which nothing has begun."""
+    config = BenchmarkConfig.model_validate(
+        {"name": "b", "captures": [{"name": "rover"}], "conditions": ["nobg-3dgs", "nobg-ours"]}
+    )
+    for kind, title in stages(config):
+        file(tmp_path / "status" / "b", title).plan(title, kind)
+    return tmp_path / "status" / "b"
+
+
+def file(folder: Path, title: str) -> StatusFile:
+    return StatusFile(folder / f"{slug(title)}.json")
+
+
+def end(folder: Path, title: str, state: str, note: str = "") -> None:
+    file(folder, title).begin(title, title.split(maxsplit=1)[0])
+    file(folder, title).end(state, note)  # type: ignore[arg-type]
+
+
+def states(folder: Path) -> dict[str, str]:
+    return {one.name: one.state for one in status.experiments(read_all(folder))}
+
+
+def test_an_experiment_is_what_its_stages_are(folder: Path) -> None:
+    plain, ours = "rover nobg-3dgs seed 0", "rover nobg-ours seed 0"
+    assert states(folder) == {plain: "waiting", ours: "waiting"}
+    for title in ("prepare rover", "segment rover", "sfm rover", "agree rover"):
+        end(folder, title, "cached")
+    assert states(folder) == {plain: "running", ours: "running"}
+    for cell in (plain, ours):
+        end(folder, f"train {cell}", "cached")
+        end(folder, f"evaluate {cell}", "cached")
+    end(folder, "measure rover", "cached")
+    assert states(folder) == {plain: "cached", ours: "cached"}
+    end(folder, f"evaluate {plain}", "done")
+    assert states(folder) == {plain: "done", ours: "cached"}
+    end(folder, f"train {ours}", "failed", "NaN")
+    assert states(folder) == {plain: "done", ours: "failed"}
+    end(folder, "sfm rover", "failed", "too few")
+    assert states(folder) == {plain: "failed", ours: "failed"}
+
+
+def test_what_a_dead_process_left_is_interrupted(folder: Path) -> None:
+    path = file(folder, "sfm rover").path
+    program = "import sys; from pathlib import Path; from tasks.stages.status import StatusFile; "
+    program += "StatusFile(Path(sys.argv[1])).begin('sfm rover', 'sfm')"
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    subprocess.run([sys.executable, "-c", program, str(path)], check=True, env=environment)
+    assert set(states(folder).values()) == {"interrupted"}
+    file(folder, "sfm rover").begin("sfm rover", "sfm")
+    assert set(states(folder).values()) == {"running"}
+
+
+def test_reasons_stand_below_the_table(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    end(folder, "sfm rover", "failed", "no pair of views shows the same scene")
+    status.show(folder.parents[1], None)
+    told = capsys.readouterr().out
+    assert "Benchmark b: 2 experiments: 2 failed" in told
+    assert told.count("✗ sfm rover: no pair of views shows the same scene") == 1

@@ -1,0 +1,130 @@
+"""A report built from the registry alone is the first one, byte for byte."""
+
+import hashlib
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from flows.results.rebuild import rebuild_report
+from mattgs_ops.capture.scene import Scene
+from mattgs_ops.capture.scene_example import example
+from mattgs_ops.errors import InputError
+from reports.page.build import build
+from tasks.registry import promotion, record, runs, summary
+from tasks.registry.lookup import find_run
+
+Row = dict[str, Any]
+STAGES = {"train": "train", "evaluate": "evaluate", "scene": "sfm"}  # a row's names → stages
+
+
+def digests(folder: Path) -> dict[str, str]:
+    return {
+        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and "gate" not in path.parts
+    }
+
+
+def files_of(row: Row, root: Path) -> list[tuple[Path, str]]:
+    """List what a run keeps of a row's folders, by the table that the real thing goes by."""
+    found = []
+    for name, stage in STAGES.items():
+        folder = root / row["artifacts"][name]
+        for file, place in record.KEPT[stage].items():
+            if (folder / file).exists():
+                found.append((folder / file, place))
+    scene = Scene.load(root / row["artifacts"]["scene"])
+    view = example(scene)
+    assert view is not None
+    assert view.mask is not None
+    return [*found, (view.photo, "scene/photos"), (view.mask, "scene/masks")]
+
+
+@pytest.fixture(scope="module")
+def out(
+    pictured: tuple[list[Row], Path],
+    fresh_registry: Path,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Path:
+    """Return an output folder that holds a benchmark's first report, and nothing but MLflow."""
+    folder = tmp_path_factory.mktemp("rebuild")
+    shutil.copy(fresh_registry, folder / "mlflow.db")
+    shutil.copytree(pictured[1], folder / "store")
+    experiment = runs.open_benchmark(uri_of(folder), "toy", folder / "mlflow-artifacts")
+    rows = []
+    for row in pictured[0]:
+        files = files_of(row, folder / "store")
+        run = runs.record(uri_of(folder), experiment, row, parameters={}, files=files)
+        rows.append(row | {"run_id": run})
+    first = folder / "first"
+    build(rows, first, title="Benchmark toy", artifacts_root=folder / "store")
+    summary.record_summary(uri_of(folder), experiment, "toy", rows, first)
+    shutil.rmtree(folder / "store")
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def embedded_registry(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
+
+
+def uri_of(folder: Path) -> str:
+    return f"sqlite:///{folder / 'mlflow.db'}"
+
+
+def client_of(folder: Path) -> Any:
+    from mlflow.tracking import MlflowClient
+
+    return MlflowClient(tracking_uri=uri_of(folder))
+
+
+def test_the_registry_alone_gives_the_same_bytes(out: Path) -> None:
+    again = rebuild_report("toy", out)
+    assert digests(again.parent) == digests(out / "first")
+    assert len(digests(again.parent)) > 20
+
+
+def test_there_is_one_summary_with_the_report_in_it(out: Path) -> None:
+    experiment = runs.open_benchmark(uri_of(out), "toy", None)
+    rows = summary.report_rows(uri_of(out), "toy")
+    summary.record_summary(uri_of(out), experiment, "toy", rows, out / "first")
+    client = client_of(out)
+    (found,) = client.search_runs([experiment], filter_string="tags.`mattgs.summary` = 'toy'")
+    assert found.data.metrics["finished"] == len(rows)
+    names = {file.path for file in client.list_artifacts(found.info.run_id, "report")}
+    assert {"report/report.html", "report/tables", "report/figures"} <= names
+
+
+def test_a_run_that_ended_after_the_summary_is_not_left_out(out: Path) -> None:
+    experiment = runs.open_benchmark(uri_of(out), "late", out / "mlflow-artifacts")
+    row = summary.report_rows(uri_of(out), "toy")[0]
+    bare = row | {"benchmark": "late", "artifacts": {}, "run_id": None}
+    run = runs.record(uri_of(out), experiment, bare, parameters={})
+    known = [bare | {"run_id": run}]
+    summary.record_summary(uri_of(out), experiment, "late", known, out / "first/tables")
+    assert summary.report_rows(uri_of(out), "late") == known
+    runs.record(uri_of(out), experiment, bare | {"seed": 7}, parameters={})
+    seeds = [row["seed"] for row in summary.report_rows(uri_of(out), "late")]
+    assert sorted(seeds) == [0, 7]
+
+
+def test_a_benchmark_without_runs_is_refused(out: Path) -> None:
+    with pytest.raises(InputError, match=r"no benchmark is called 'nobody'; known: .*toy"):
+        summary.report_rows(uri_of(out), "nobody")
+    runs.open_benchmark(uri_of(out), "empty", out / "mlflow-artifacts")
+    with pytest.raises(InputError, match="'empty' has no recorded experiment"):
+        summary.report_rows(uri_of(out), "empty")
+
+
+def test_a_promotion_shows_in_the_report_that_is_built_next(out: Path) -> None:
+    """Comes last: from here on the report is another one."""
+    rows = summary.report_rows(uri_of(out), "toy")
+    run = next(row["run_id"] for row in rows if row["condition"] == "nobg-ours")
+    (out / "training.json").write_text('{"background": [1, 1, 1]}')
+    client_of(out).log_artifact(run, str(out / "training.json"))
+    promotion.promote(uri_of(out), find_run(uri_of(out), run))
+    text = rebuild_report("toy", out).read_text("utf-8")
+    assert "Against the promoted baseline" in text
+    assert "Ours ★" in text

@@ -1,0 +1,57 @@
+"""COLMAP's convention: world-to-camera, y down, z forward, pixel centres at +0.5."""
+
+import numpy as np
+import pytest
+
+from mattgs_ops.capture.camera import Camera, Intrinsics, from_opengl, to_opengl
+
+PINHOLE = Intrinsics(width=8, height=6, fx=10.0, fy=12.0, cx=4.0, cy=3.0)
+
+
+def test_a_point_on_the_axis_lands_on_the_principal_point() -> None:
+    camera = Camera(PINHOLE, np.eye(3), np.zeros(3))
+    pixels, depth = camera.project(np.array([[0.0, 0.0, 2.0]]))
+    np.testing.assert_allclose(pixels, [[4.0, 3.0]])
+    np.testing.assert_allclose(depth, [2.0])
+
+
+def test_right_is_right_and_down_is_down() -> None:
+    camera = Camera(PINHOLE, np.eye(3), np.zeros(3))
+    pixels, _ = camera.project(np.array([[1.0, 1.0, 10.0]]))
+    np.testing.assert_allclose(pixels, [[5.0, 4.2]])
+
+
+def test_the_centre_is_where_the_camera_stands() -> None:
+    rotation = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
+    centre = np.array([1.0, 2.0, 3.0])
+    camera = Camera(PINHOLE, rotation, -rotation @ centre)
+    np.testing.assert_allclose(camera.centre, centre)
+    np.testing.assert_allclose(camera.matrix @ [*centre, 1.0], [0, 0, 0, 1])
+
+
+def test_resizing_the_photo_scales_the_pixels() -> None:
+    camera = Camera(PINHOLE, np.eye(3), np.zeros(3))
+    point = np.array([[0.3, -0.2, 2.0]])
+    whole, _ = camera.project(point)
+    half, _ = camera.scaled(4, 3).project(point)
+    np.testing.assert_allclose(half, whole / 2)
+
+
+def test_opengl_cameras_look_along_their_negative_z() -> None:
+    camera_to_world = np.eye(4)
+    camera_to_world[:3, 3] = [0.0, 0.0, 5.0]
+    rotation, translation = from_opengl(camera_to_world)
+    camera = Camera(PINHOLE, rotation, translation)
+    pixels, depth = camera.project(np.array([[0.0, 1.0, 0.0]]))
+    assert depth[0] == pytest.approx(5.0)
+    assert pixels[0, 1] < PINHOLE.cy, "up in the world is up in the image"
+
+
+def test_opengl_there_and_back() -> None:
+    rng = np.random.default_rng(0)
+    rotation, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    rotation *= np.linalg.det(rotation)
+    translation = rng.normal(size=3)
+    back = from_opengl(to_opengl(rotation, translation))
+    np.testing.assert_allclose(back[0], rotation, atol=1e-12)
+    np.testing.assert_allclose(back[1], translation, atol=1e-12)

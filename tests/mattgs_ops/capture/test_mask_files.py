@@ -1,0 +1,93 @@
+"""Masks beside photos: naming, polarity, and what cannot be a mask."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from mattgs_ops.capture.mask_files import decode_mask, find_mask, looks_inverted, polarity_problem
+from mattgs_ops.errors import InputError
+
+SIZE = (30, 20)
+
+
+def disc() -> np.ndarray:
+    y, x = np.mgrid[:20, :30]
+    return np.where((x - 15) ** 2 + (y - 10) ** 2 < 64, 255, 0).astype(np.uint8)
+
+
+def saved(folder: Path, values: np.ndarray, name: str = "a.jpg.png") -> Path:
+    Image.fromarray(values).save(folder / name)
+    return folder / name
+
+
+@pytest.mark.parametrize("name", ["IMG_1.jpg.png", "IMG_1.png", "IMG_1.jpg"])
+def test_every_naming_is_found(tmp_path: Path, name: str) -> None:
+    path = saved(tmp_path, disc(), name)
+    assert find_mask(tmp_path, "IMG_1.jpg") == path
+
+
+def test_the_whole_name_goes_before_the_stem(tmp_path: Path) -> None:
+    saved(tmp_path, disc(), "a.png")
+    whole = saved(tmp_path, disc(), "a.jpg.png")
+    assert find_mask(tmp_path, "a.jpg") == whole
+
+
+def test_a_missing_mask_names_what_to_add(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"no mask for IMG_1\.jpg; add IMG_1\.jpg\.png or IMG_1"):
+        find_mask(tmp_path, "IMG_1.jpg")
+
+
+def test_masks_are_thresholded_at_half(tmp_path: Path) -> None:
+    values = disc()
+    values[10, 14], values[10, 15] = 127, 128
+    mask = decode_mask(saved(tmp_path, values), SIZE)
+    assert set(np.unique(mask)) == {0, 255}
+    assert (mask[10, 14], mask[10, 15]) == (0, 255)
+
+
+def test_one_bit_and_grey_rgb_masks_are_read(tmp_path: Path) -> None:
+    Image.fromarray(disc()).convert("1").save(tmp_path / "a.png")
+    Image.fromarray(disc()).convert("RGB").save(tmp_path / "b.png")
+    for name in ("a.png", "b.png"):
+        np.testing.assert_array_equal(decode_mask(tmp_path / name, SIZE), disc())
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        (disc() // 255, "holds 0 and 1"),
+        (disc() * 0, "empty"),
+        (disc()[:10], "mask is 30x10, its photo 30x20"),
+        (disc().astype(np.uint16) * 257, "more than 8 bits"),
+        (np.dstack([disc(), disc(), disc() * 0]), "coloured"),
+        (np.dstack([disc(), disc(), disc(), disc()]), "alpha channel is ambiguous"),
+    ],
+)
+def test_what_cannot_be_a_mask_is_refused(tmp_path: Path, values: np.ndarray, message: str) -> None:
+    path = saved(tmp_path, values)
+    with pytest.raises(InputError, match=message) as error:
+        decode_mask(path, SIZE)
+    assert str(path) in str(error.value)
+
+
+def test_text_called_png_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.png").write_text("x")
+    with pytest.raises(InputError, match="cannot be read as a mask"):
+        decode_mask(tmp_path / "a.png", SIZE)
+
+
+def test_polarity_is_recognised() -> None:
+    assert not looks_inverted(disc())
+    assert looks_inverted(255 - disc())
+    assert not looks_inverted(np.full((20, 30), 255, np.uint8))  # a close-up fills the frame
+
+
+def test_a_set_is_judged_as_a_whole() -> None:
+    assert polarity_problem({}) is None
+    assert polarity_problem({"a": True, "b": False}) is None
+    message = polarity_problem({"a": True, "b": True, "c": False})
+    assert message is not None
+    assert "2 of 3 masks look inverted, for example a" in message
+    assert "255 = object" in message

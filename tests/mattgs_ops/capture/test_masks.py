@@ -1,0 +1,80 @@
+"""Cleaning, composites and mask quality, against values by hand."""
+
+import cv2
+import numpy as np
+import pytest
+
+from mattgs_ops.capture.masks import boundary_f, clean, mask_name, on_white, quality, threshold
+
+
+def disc(size: int, centre: tuple[int, int], radius: int) -> np.ndarray:
+    return cv2.circle(np.zeros((size, size), np.uint8), centre, radius, 255, -1)
+
+
+def test_threshold_takes_its_level_in() -> None:
+    soft = np.array([[0.49, 0.5, 0.51]], np.float32)
+    assert threshold(soft).tolist() == [[0, 255, 255]]
+    assert threshold(soft, 0.505).tolist() == [[0, 0, 255]]
+
+
+def test_clean_drops_specks_and_fills_pinholes_but_keeps_openings() -> None:
+    mask = disc(200, (100, 100), 60)
+    whole = mask.copy()
+    cv2.circle(mask, (100, 100), 12, 0, -1)  # an opening, 4 % of the object
+    opening = mask.copy()
+    mask[70, 70] = 0  # a pinhole
+    mask[5:8, 5:8] = 255  # a speck
+    cleaned = clean(mask)
+    assert np.array_equal(cleaned, opening)
+    assert not np.array_equal(cleaned, whole)
+
+
+def test_clean_keeps_a_second_large_part_and_background_at_the_border() -> None:
+    mask = disc(200, (60, 100), 40) | disc(200, (150, 100), 25)
+    mask[0, 0:3] = 255
+    mask[0:2, 3] = 255
+    cleaned = clean(mask)
+    assert cleaned[100, 150] == 255
+    assert cleaned[0, 0] == 0
+    assert clean(np.zeros((9, 9), np.uint8)).max() == 0
+
+
+def test_on_white_blends_straight_alpha() -> None:
+    image = np.full((1, 3, 3), 100, np.uint8)
+    alpha = np.array([[0, 128, 255]], np.uint8)
+    assert on_white(image, alpha)[0, :, 0].tolist() == [255, 177, 100]
+
+
+def test_mask_name_is_colmaps() -> None:
+    assert mask_name("IMG_1.jpg") == "IMG_1.jpg.png"
+
+
+def test_quality_by_hand() -> None:
+    truth, found = np.zeros((10, 10), np.uint8), np.zeros((10, 10), np.uint8)
+    truth[:, :5] = 255  # 50 pixels
+    found[:, 1:7] = 255  # 60 pixels, 40 of them right
+    scored = quality(found, truth)
+    assert scored.iou == pytest.approx(40 / 70)
+    precision, recall = 40 / 60, 40 / 50
+    assert scored.f_measure == pytest.approx(1.3 * precision * recall / (0.3 * precision + recall))
+    assert scored.mae == pytest.approx(0.3)
+    soft = np.full((10, 10), 0.5, np.float32)
+    assert quality(found, truth, soft).mae == pytest.approx(0.5)
+
+
+def test_quality_of_equal_and_of_disjoint_masks() -> None:
+    mask, other = disc(64, (20, 20), 10), disc(64, (50, 50), 5)
+    assert quality(mask, mask).as_dict() == {
+        "iou": 1, "f_measure": 1, "mae": 0, "boundary_f": 1,
+    }  # fmt: skip
+    apart = quality(mask, other)
+    assert (apart.iou, apart.f_measure, apart.boundary_f) == (0, 0, 0)
+
+
+def test_boundary_f_forgives_within_its_tolerance_only() -> None:
+    truth = disc(400, (200, 200), 100)  # tolerance: 0.0075 * 566 = 4 pixels
+    assert boundary_f(disc(400, (200, 200), 103), truth) == 1
+    assert boundary_f(disc(400, (200, 200), 110), truth) < 0.05
+    empty = np.zeros_like(truth)
+    assert boundary_f(empty, truth) == 0
+    assert boundary_f(empty, empty) == 1

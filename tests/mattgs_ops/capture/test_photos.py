@@ -1,0 +1,165 @@
+"""Photos on disk: what is accepted, what is refused, and that decoding keeps the pixels."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from mattgs_ops.capture.photos import Photo, decode, has_exif_rotation, list_photos, on_white
+from mattgs_ops.errors import InputError
+
+ORIENTATION = 0x0112
+
+
+def colours(height: int = 24, width: int = 32, seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).integers(0, 256, (height, width, 3), dtype=np.uint8)
+
+
+def refusal(path: Path) -> str:
+    with pytest.raises(InputError) as error:
+        decode(path)
+    assert str(path) in str(error.value)
+    return str(error.value)
+
+
+@pytest.mark.parametrize("suffix", ["png", "tiff", "webp", "bmp"])
+def test_lossless_formats_decode_to_their_pixels(tmp_path: Path, suffix: str) -> None:
+    rgb = colours()
+    options = {"lossless": True} if suffix == "webp" else {}
+    Image.fromarray(rgb).save(tmp_path / f"a.{suffix}", **options)
+    photo = decode(tmp_path / f"a.{suffix}")
+    np.testing.assert_array_equal(photo.rgb, rgb)
+    assert photo.alpha is None
+    assert photo.size == (32, 24)
+
+
+# EXIF 2.32: value → how the stored pixels must be turned to stand upright
+UPRIGHT = {
+    1: lambda a: a,
+    2: np.fliplr,
+    3: lambda a: np.rot90(a, 2),
+    4: np.flipud,
+    5: lambda a: a.transpose(1, 0, 2),
+    6: lambda a: np.rot90(a, -1),
+    7: lambda a: np.rot90(a, 2).transpose(1, 0, 2),
+    8: lambda a: np.rot90(a, 1),
+}
+
+
+@pytest.mark.parametrize("orientation", UPRIGHT)
+def test_exif_orientation_is_baked_into_the_pixels(tmp_path: Path, orientation: int) -> None:
+    rgb = colours()
+    exif = Image.Exif()
+    exif[ORIENTATION] = orientation
+    Image.fromarray(rgb).save(tmp_path / "a.png", exif=exif)
+    np.testing.assert_array_equal(decode(tmp_path / "a.png").rgb, UPRIGHT[orientation](rgb))
+    assert has_exif_rotation(tmp_path / "a.png") == (orientation != 1)
+
+
+@pytest.mark.parametrize("suffix", ["png", "jpg", "tiff"])
+def test_grey_photos_are_refused(tmp_path: Path, suffix: str) -> None:
+    Image.fromarray(colours()[..., 0]).save(tmp_path / f"a.{suffix}")
+    assert "grey photo" in refusal(tmp_path / f"a.{suffix}")
+
+
+def test_grey_photos_stored_as_colour_are_refused(tmp_path: Path) -> None:
+    Image.fromarray(colours()[..., 0]).convert("RGB").save(tmp_path / "a.png")
+    assert "grey photo" in refusal(tmp_path / "a.png")
+
+
+def test_sixteen_bit_grey_is_refused(tmp_path: Path) -> None:
+    Image.fromarray(colours()[..., 0].astype(np.uint16) * 257).save(tmp_path / "a.png")
+    assert "16 bits" in refusal(tmp_path / "a.png")
+
+
+@pytest.mark.parametrize("suffix", ["png", "tiff"])
+def test_sixteen_bit_colour_is_refused_though_pillow_opens_it(tmp_path: Path, suffix: str) -> None:
+    cv2 = pytest.importorskip("cv2")
+    path = tmp_path / f"a.{suffix}"
+    assert cv2.imwrite(str(path), colours().astype(np.uint16) * 257)
+    assert "16 bits" in refusal(path)
+
+
+@pytest.mark.parametrize("suffix", ["jpg", "png", "webp", "tiff"])
+def test_photos_cut_short_are_refused(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"a.{suffix}"
+    Image.fromarray(colours(120, 160)).save(path)
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) * 2 // 3])
+    message = refusal(path)
+    assert "damaged or cut short" in message or "cannot be read" in message
+
+
+def test_text_called_jpg_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.jpg").write_text("not a picture")
+    assert "cannot be read as an image" in refusal(tmp_path / "a.jpg")
+
+
+def test_cmyk_and_animations_are_refused(tmp_path: Path) -> None:
+    Image.fromarray(colours()).convert("CMYK").save(tmp_path / "a.jpg")
+    assert "CMYK" in refusal(tmp_path / "a.jpg")
+    frames = [Image.fromarray(colours(seed=seed)) for seed in (0, 1)]
+    frames[0].save(tmp_path / "b.tiff", save_all=True, append_images=frames[1:])
+    assert "holds 2 pictures" in refusal(tmp_path / "b.tiff")
+
+
+def test_alpha_is_straight_and_composited_on_white(tmp_path: Path) -> None:
+    rgba = np.dstack([colours(), colours()[..., 0]])
+    Image.fromarray(rgba).save(tmp_path / "a.png")
+    photo = decode(tmp_path / "a.png")
+    assert photo.alpha is not None
+    np.testing.assert_array_equal(photo.alpha, rgba[..., 3])
+    share = rgba[..., 3:] / 255
+    expected = share * rgba[..., :3] + (1 - share) * 255
+    assert np.abs(on_white(photo) - expected).max() <= 0.5 + 1e-9
+
+
+def test_opaque_alpha_counts_as_none(tmp_path: Path) -> None:
+    rgba = np.dstack([colours(), np.full((24, 32), 255, np.uint8)])
+    Image.fromarray(rgba).save(tmp_path / "a.png")
+    assert decode(tmp_path / "a.png").alpha is None
+
+
+def test_on_white_leaves_opaque_photos_alone() -> None:
+    rgb = colours()
+    assert on_white(Photo(rgb, None)) is rgb
+
+
+def test_listing_sorts_by_name_and_passes_over_what_systems_leave(tmp_path: Path) -> None:
+    for name in ("b.jpg", "a.png", "C.JPG"):
+        Image.fromarray(colours()).save(tmp_path / name)
+    for name in (".DS_Store", "Thumbs.db", "transforms.json"):
+        (tmp_path / name).write_bytes(b"x")
+    (tmp_path / "masks").mkdir()
+    photos, problems = list_photos(tmp_path)
+    assert [path.name for path in photos] == ["C.JPG", "a.png", "b.jpg"]
+    assert problems == []
+
+
+@pytest.mark.parametrize(
+    ("name", "advice"),
+    [
+        ("notes.txt", "not an image; remove it or move it"),
+        ("IMG_1.HEIC", "convert it to JPEG"),
+        ("walk.mov", "extract sharp frames"),
+        ("IMG_1.dng", "develop them"),
+    ],
+)
+def test_files_that_are_no_photos_are_named(tmp_path: Path, name: str, advice: str) -> None:
+    (tmp_path / name).write_bytes(b"something else")
+    _, problems = list_photos(tmp_path)
+    assert len(problems) == 1
+    assert str(tmp_path / name) in problems[0]
+    assert advice in problems[0]
+
+
+def test_a_folder_among_the_photos_is_named(tmp_path: Path) -> None:
+    (tmp_path / "more").mkdir()
+    _, problems = list_photos(tmp_path)
+    assert "more: a folder among the photos" in problems[0]
+
+
+def test_a_photo_without_suffix_is_found_by_its_content(tmp_path: Path) -> None:
+    Image.fromarray(colours()).save(tmp_path / "photo", format="PNG")
+    assert [path.name for path in list_photos(tmp_path)[0]] == ["photo"]

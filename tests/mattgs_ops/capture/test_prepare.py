@@ -1,0 +1,354 @@
+"""From photos on disk to a prepared capture, and every refusal before any work."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from mattgs_ops.capture.camera import to_opengl
+from mattgs_ops.capture.prepare import prepare
+from mattgs_ops.capture.scene import PreparedCapture
+from mattgs_ops.config import CaptureConfig
+from mattgs_ops.errors import InputError
+
+WIDTH, HEIGHT = 48, 36
+NAMES = [f"IMG_{i:02}.png" for i in range(10)]
+
+
+def picture(seed: int, height: int = HEIGHT, width: int = WIDTH) -> np.ndarray:
+    rgb = np.random.default_rng(seed).integers(0, 256, (height, width, 3))
+    return np.asarray(rgb, dtype=np.uint8)
+
+
+def disc() -> np.ndarray:
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    return np.where((x - 24) ** 2 + (y - 18) ** 2 < 100, 255, 0).astype(np.uint8)
+
+
+def write_photos(folder: Path, names: list[str] = NAMES) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    for seed, name in enumerate(names):
+        Image.fromarray(picture(seed)).save(folder / name)
+    return folder
+
+
+def write_masks(folder: Path, mask: np.ndarray, form: str = "{name}.png") -> None:
+    folder.mkdir(parents=True)
+    for name in NAMES:
+        Image.fromarray(mask).save(folder / form.format(name=name, stem=Path(name).stem))
+
+
+def run(path: Path, out: Path, **options: Any) -> PreparedCapture:
+    keys = {key: options.pop(key) for key in ("kind", "masks") if key in options}
+    options = {"test_every": 4} | options
+    return prepare(CaptureConfig(name="thing", path=path, **keys), out, **options)
+
+
+def refusal(path: Path, out: Path, **options: Any) -> str:
+    with pytest.raises(InputError) as error:
+        run(path, out, **options)
+    assert not out.exists(), "nothing may be written when the input is refused"
+    return str(error.value)
+
+
+def pixels(path: Path | None) -> np.ndarray:
+    assert path is not None
+    with Image.open(path) as image:
+        return np.asarray(image)
+
+
+def test_a_plain_folder(tmp_path: Path) -> None:
+    capture = run(write_photos(tmp_path / "in"), tmp_path / "out")
+    assert [view.name for view in capture.views] == NAMES
+    assert [v.name for v in capture.views if v.split == "test"] == [NAMES[i] for i in (0, 4, 8)]
+    assert (capture.masks_are, capture.cameras_are) == ("none", "none")
+    for seed, view in enumerate(capture.views):
+        assert view.photo == tmp_path / "out" / "photos" / f"{view.name}.png"
+        np.testing.assert_array_equal(pixels(view.photo), picture(seed))
+        assert (view.width, view.height, view.mask, view.camera) == (WIDTH, HEIGHT, None, None)
+    assert PreparedCapture.load(capture.folder) == capture
+
+
+def test_a_folder_that_holds_images(tmp_path: Path) -> None:
+    write_photos(tmp_path / "in" / "images")
+    (tmp_path / "in" / "notes.txt").write_text("beside the photos' folder: not our business")
+    assert len(run(tmp_path / "in", tmp_path / "out").views) == len(NAMES)
+
+
+def test_progress_counts_each_photo_checked_and_written(tmp_path: Path) -> None:
+    seen: list[tuple[int, int]] = []
+    run(
+        write_photos(tmp_path / "in"),
+        tmp_path / "out",
+        progress=lambda done, total, _: seen.append((done, total)),
+    )
+    assert seen == [(i + 1, 20) for i in range(20)]
+
+
+def test_exif_orientation_is_baked_in(tmp_path: Path) -> None:
+    folder = write_photos(tmp_path / "in")
+    for seed, name in enumerate(NAMES):
+        exif = Image.Exif()
+        exif[0x0112] = 6
+        Image.fromarray(picture(seed)).save(folder / name, exif=exif)
+    view = run(folder, tmp_path / "out").views[3]
+    assert (view.width, view.height) == (HEIGHT, WIDTH)
+    np.testing.assert_array_equal(pixels(view.photo), np.rot90(picture(3), -1))
+
+
+def test_large_photos_are_reduced_by_area(tmp_path: Path) -> None:
+    view = run(write_photos(tmp_path / "in"), tmp_path / "out", max_size=24).views[0]
+    assert (view.width, view.height) == (24, 18)
+    mean = picture(0).reshape(18, 2, 24, 2, 3).mean(axis=(1, 3))
+    assert np.abs(pixels(view.photo) - mean).max() <= 1
+
+
+@pytest.mark.parametrize("form", ["{name}.png", "{stem}.png"])
+@pytest.mark.parametrize("place", ["in/masks", "in/images/masks", "elsewhere", "in/images/own"])
+def test_masks_are_found(tmp_path: Path, place: str, form: str) -> None:
+    write_photos(tmp_path / "in" / "images")
+    write_masks(tmp_path / place, disc(), form)
+    own = {"masks": tmp_path / place} if place in ("elsewhere", "in/images/own") else {}
+    capture = run(tmp_path / "in", tmp_path / "out", **own)
+    assert capture.masks_are == "given"
+    for view in capture.views:
+        assert view.mask == tmp_path / "out" / "masks" / f"{view.name}.png"
+        np.testing.assert_array_equal(pixels(view.mask), disc())
+
+
+def write_cutouts(folder: Path) -> None:
+    folder.mkdir(parents=True)
+    for seed, name in enumerate(NAMES):
+        Image.fromarray(np.dstack([picture(seed), disc()])).save(folder / name)
+
+
+def test_alpha_is_the_mask_and_the_photo_stands_on_white(tmp_path: Path) -> None:
+    write_cutouts(tmp_path / "in")
+    capture = run(tmp_path / "in", tmp_path / "out")
+    assert capture.masks_are == "alpha"
+    view = capture.views[2]
+    np.testing.assert_array_equal(pixels(view.mask), disc())
+    photo = pixels(view.photo)
+    np.testing.assert_array_equal(photo[disc() > 0], picture(2)[disc() > 0])
+    assert (photo[disc() == 0] == 255).all()
+
+
+def test_the_users_own_masks_go_before_alpha(tmp_path: Path) -> None:
+    write_cutouts(tmp_path / "in")
+    other = np.roll(disc(), 4, axis=1)
+    write_masks(tmp_path / "own", other)
+    capture = run(tmp_path / "in", tmp_path / "out", masks=tmp_path / "own")
+    assert capture.masks_are == "given"
+    np.testing.assert_array_equal(pixels(capture.views[0].mask), other)
+
+
+def write_transforms(folder: Path, names: list[str] = NAMES, **changes: Any) -> Path:
+    frames = [
+        {"file_path": f"images/{name}", "transform_matrix": np.eye(4).tolist()} for name in names
+    ]
+    data = {"w": WIDTH, "h": HEIGHT, "fl_x": 50.0, "fl_y": 50.0, "cx": 24.0, "cy": 18.0}
+    write_photos(folder / "images")
+    (folder / "transforms.json").write_text(json.dumps(data | {"frames": frames} | changes))
+    return folder
+
+
+def test_nerfstudio_cameras_are_kept_and_scaled_with_the_photos(tmp_path: Path) -> None:
+    capture = run(write_transforms(tmp_path / "in"), tmp_path / "out", max_size=24)
+    assert capture.cameras_are == "given"
+    camera = capture.views[1].camera
+    assert camera is not None
+    assert (camera.intrinsics.width, camera.intrinsics.fx, camera.intrinsics.cy) == (24, 25, 9)
+    np.testing.assert_allclose(to_opengl(camera.rotation, camera.translation), np.eye(4))
+    loaded = PreparedCapture.load(capture.folder).views[1].camera
+    assert loaded is not None
+    np.testing.assert_array_equal(loaded.rotation, camera.rotation)
+
+
+def test_nerfstudio_frames_are_the_capture(tmp_path: Path) -> None:
+    """Photos in the folder that no frame lists are not part of it."""
+    capture = run(write_transforms(tmp_path / "in", NAMES[3:]), tmp_path / "out")
+    assert [view.name for view in capture.views] == NAMES[3:]
+
+
+def test_masks_named_by_frames_are_taken(tmp_path: Path) -> None:
+    folder = write_transforms(tmp_path / "in")
+    write_masks(folder / "cut", disc(), "m_{stem}.png")
+    data = json.loads((folder / "transforms.json").read_text())
+    for frame in data["frames"]:
+        frame["mask_path"] = f"cut/m_{Path(frame['file_path']).stem}.png"
+    (folder / "transforms.json").write_text(json.dumps(data))
+    capture = run(folder, tmp_path / "out")
+    assert capture.masks_are == "given"
+    np.testing.assert_array_equal(pixels(capture.views[5].mask), disc())
+
+
+def test_distortion_is_removed_from_photos_and_masks(tmp_path: Path) -> None:
+    write_transforms(tmp_path / "in", camera_model="OPENCV", k1=-0.3)
+    write_masks(tmp_path / "in" / "masks", disc())
+    view = run(tmp_path / "in", tmp_path / "out").views[0]
+    assert view.camera is not None
+    assert view.camera.intrinsics.fx != 50  # zoomed so that no empty border is seen
+    assert np.abs(pixels(view.photo).astype(int) - picture(0)).max() > 0
+    mask = pixels(view.mask)
+    assert set(np.unique(mask)) == {0, 255}
+    assert mask[18, 24] == 255
+    assert mask[0, 0] == 0
+
+
+def write_colmap(folder: Path, names: list[str]) -> Path:
+    write_photos(folder / "images")
+    model = folder / "sparse" / "0"
+    model.mkdir(parents=True)
+    (model / "cameras.txt").write_text(f"1 SIMPLE_PINHOLE {WIDTH} {HEIGHT} 50 24 18\n")
+    rows = [f"{i + 1} 1 0 0 0 0 0 {i} 1 {name}\n\n" for i, name in enumerate(names)]
+    (model / "images.txt").write_text("".join(rows))
+    return folder
+
+
+def test_colmap_photos_without_a_pose_stay_in_the_split(tmp_path: Path) -> None:
+    capture = run(write_colmap(tmp_path / "in", NAMES[1:]), tmp_path / "out")
+    assert capture.cameras_are == "given"
+    assert [view.name for view in capture.views] == NAMES
+    assert capture.views[0].camera is None
+    assert capture.views[0].split == "test"
+    camera = capture.views[2].camera
+    assert camera is not None
+    assert camera.translation.tolist() == [0, 0, 1]
+
+
+def test_kind_overrides_what_was_detected(tmp_path: Path) -> None:
+    capture = run(write_transforms(tmp_path / "in", NAMES[3:]), tmp_path / "out", kind="photos")
+    assert capture.cameras_are == "none"
+    assert len(capture.views) == len(NAMES)
+
+
+def test_bundled_captures_know_the_small_structures_of_test_views(tmp_path: Path) -> None:
+    prepared = prepare(CaptureConfig(name="rover"), tmp_path / "out", test_every=8)
+    for view in prepared.views:
+        assert (view.ids is not None) == (view.split == "test")
+        if view.ids is not None:
+            ids = np.asarray(Image.open(view.ids))
+            assert ids.shape == (view.height, view.width)
+            assert set(np.unique(ids)) <= {0, 1, 2, 3}
+
+
+def test_bundled_captures_hold_the_truth(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_transforms(tmp_path / "bundled" / "rover")
+    write_masks(tmp_path / "bundled" / "rover" / "masks", disc())
+    monkeypatch.setattr(prepare, "BUNDLED_FOLDER", tmp_path / "bundled")
+    capture = prepare(CaptureConfig(name="rover"), tmp_path / "out", test_every=8)
+    assert (capture.masks_are, capture.cameras_are) == ("truth", "truth")
+    with pytest.raises(InputError, match="bundled capture is missing"):
+        prepare(CaptureConfig(name="hexapod"), tmp_path / "out", test_every=8)
+
+
+# ------------------------------------------------------------------------------- refusals
+
+
+def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
+    assert "nowhere: expected a folder of photos" in refusal(tmp_path / "nowhere", tmp_path / "o")
+    (tmp_path / "file").write_text("")
+    assert "found a file" in refusal(tmp_path / "file", tmp_path / "o")
+    folder = write_photos(tmp_path / "in")
+    assert "folder of masks" in refusal(folder, tmp_path / "o", masks=tmp_path / "no")
+
+
+@pytest.mark.parametrize("count", [0, 1, 2])
+def test_too_few_photos(tmp_path: Path, count: int) -> None:
+    folder = write_photos(tmp_path / "in", NAMES[:count])
+    message = refusal(folder, tmp_path / "out")
+    assert f"found {count} photos; at least 3 are needed" in message
+    assert str(folder) in message
+
+
+def test_three_photos_are_enough_to_begin(tmp_path: Path) -> None:
+    assert len(run(write_photos(tmp_path / "in", NAMES[:3]), tmp_path / "out").views) == 3
+
+
+def test_all_problems_are_named_at_once(tmp_path: Path) -> None:
+    folder = write_photos(tmp_path / "in")
+    Image.fromarray(picture(1)[..., 0]).save(folder / NAMES[1])
+    Image.fromarray(picture(2)[..., 0].astype(np.uint16) * 257).save(folder / NAMES[2])
+    (folder / NAMES[3]).write_bytes((folder / NAMES[3]).read_bytes()[:500])
+    Image.fromarray(picture(4, WIDTH, HEIGHT)).save(folder / NAMES[4])
+    Image.fromarray(picture(5, 20, 30)).save(folder / NAMES[5])
+    lines = refusal(folder, tmp_path / "out").splitlines()
+    expected = {
+        NAMES[1]: "grey photo",
+        NAMES[2]: "16 bits per channel",
+        NAMES[3]: "damaged or cut short",
+        NAMES[4]: "36x48, another orientation: 5 of 7 photos are 48x36; turn or remove it",
+        NAMES[5]: "30x20, another size: 5 of 7 photos are 48x36; resize or remove it",
+    }
+    assert len(lines) == len(expected)
+    for line, (name, problem) in zip(lines, expected.items(), strict=True):
+        assert str(folder / name) in line
+        assert problem in line
+
+
+def test_a_file_that_is_no_photo(tmp_path: Path) -> None:
+    folder = write_photos(tmp_path / "in")
+    (folder / "notes.txt").write_text("x")
+    message = refusal(folder, tmp_path / "out")
+    assert f"{folder / 'notes.txt'}: not an image; remove it" in message
+
+
+def test_photos_beside_the_images_folder(tmp_path: Path) -> None:
+    write_photos(tmp_path / "in" / "images")
+    write_photos(tmp_path / "in", ["extra.png"])
+    assert "extra.png: 1 photos lie beside" in refusal(tmp_path / "in", tmp_path / "out")
+
+
+def test_masks_upside_down(tmp_path: Path) -> None:
+    folder = write_photos(tmp_path / "in")
+    write_masks(folder / "masks", 255 - disc())
+    assert "10 of 10 masks look inverted" in refusal(folder, tmp_path / "out")
+
+
+def test_masks_missing_or_of_another_size(tmp_path: Path) -> None:
+    folder = write_photos(tmp_path / "in")
+    write_masks(folder / "masks", disc())
+    (folder / "masks" / f"{NAMES[7]}.png").unlink()
+    Image.fromarray(disc()[::2, ::2]).save(folder / "masks" / f"{NAMES[8]}.png")
+    message = refusal(folder, tmp_path / "out")
+    assert f"no mask for {NAMES[7]}" in message
+    assert f"{NAMES[8]}.png: the mask is 24x18, its photo 48x36" in message
+
+
+def test_transparency_in_some_photos_only(tmp_path: Path) -> None:
+    write_cutouts(tmp_path / "in")
+    Image.fromarray(picture(9)).save(tmp_path / "in" / NAMES[9])
+    message = refusal(tmp_path / "in", tmp_path / "out")
+    assert f"{NAMES[9]}: 1 of 10 photos have no mask or transparency" in message
+
+
+def test_intrinsics_of_other_photos(tmp_path: Path) -> None:
+    folder = write_transforms(tmp_path / "in", w=2 * WIDTH, h=2 * HEIGHT)
+    assert "the photo is 48x36, its camera says 96x72" in refusal(folder, tmp_path / "out")
+
+
+def test_exif_orientation_with_a_given_camera_is_ambiguous(tmp_path: Path) -> None:
+    folder = write_transforms(tmp_path / "in")
+    exif = Image.Exif()
+    exif[0x0112] = 3
+    Image.fromarray(picture(0)).save(folder / "images" / NAMES[0], exif=exif)
+    assert f"{NAMES[0]}: turned by its EXIF orientation" in refusal(folder, tmp_path / "out")
+
+
+@pytest.mark.real_data
+@pytest.mark.parametrize(("name", "masks_are"), [("lego", "alpha"), ("fox", "none")])
+def test_real_captures(tmp_path: Path, real_data: Path, name: str, masks_are: str) -> None:
+    """The first nine frames of each, as published."""
+    data = json.loads((real_data / name / "transforms.json").read_text())
+    data["frames"] = [
+        frame | {"file_path": str(real_data / name / frame["file_path"])}
+        for frame in data["frames"][:9]
+    ]
+    (tmp_path / "transforms.json").write_text(json.dumps(data))
+    capture = run(tmp_path, tmp_path / "out", test_every=8, max_size=200)
+    assert (capture.masks_are, capture.cameras_are) == (masks_are, "given")
+    assert [view.split for view in capture.views] == ["test", *["train"] * 7, "test"]
+    assert all(max(view.width, view.height) == 200 for view in capture.views)

@@ -1,0 +1,58 @@
+"""What one stage writes the next one reads, unchanged."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mattgs_ops.capture.camera import Camera, Intrinsics
+from mattgs_ops.capture.scene import PreparedCapture, Scene, SparsePoints, View
+from mattgs_ops.errors import InputError
+
+
+def views(folder: Path) -> tuple[View, ...]:
+    camera = Camera(Intrinsics(8, 6, 10.0, 10.0, 4.0, 3.0), np.eye(3), np.array([0.0, 1.0, 2.0]))
+    photo, ids = folder / "photos/a.jpg.png", folder / "ids/a.jpg.png"
+    first = View("a.jpg", "test", 8, 6, photo, None, None, ids)
+    mask = folder / "masks/b.jpg.png"
+    return first, View("b.jpg", "train", 8, 6, folder / "photos/b.jpg.png", mask, camera)
+
+
+def test_a_prepared_capture_survives_the_disk(tmp_path: Path) -> None:
+    PreparedCapture("toy", tmp_path, views(tmp_path), "given", "none").save()
+    back = PreparedCapture.load(tmp_path)
+    assert (back.name, back.masks_are, back.cameras_are) == ("toy", "given", "none")
+    assert [v.name for v in back.views] == ["a.jpg", "b.jpg"]
+    assert back.views[0].mask is None
+    assert back.views[1].mask == tmp_path / "masks/b.jpg.png"
+    assert [v.ids for v in back.views] == [tmp_path / "ids/a.jpg.png", None]
+
+
+def test_a_scene_can_be_moved_and_knows_which_views_are_registered(tmp_path: Path) -> None:
+    here = tmp_path / "here"
+    here.mkdir()
+    points = SparsePoints(
+        xyz=np.arange(6, dtype=np.float64).reshape(2, 3),
+        rgb=np.array([[0, 1, 2], [3, 4, 255]], dtype=np.uint8),
+        object_share=np.array([0.0, 1.0], dtype=np.float32),
+        views_seen=np.array([2, 3], dtype=np.int32),
+    )
+    Scene("toy", here, views(here), {"mode": "shared"}).save(points)
+    there = here.rename(tmp_path / "there")
+    scene = Scene.load(there)
+    assert scene.extra == {"mode": "shared"}
+    assert scene.registered("test") == ()
+    (view,) = scene.registered("train")
+    assert view.photo == there / "photos/b.jpg.png"
+    assert view.camera is not None
+    np.testing.assert_array_equal(view.camera.translation, [0, 1, 2])
+    for key, value in vars(points).items():
+        np.testing.assert_array_equal(getattr(scene.points(), key), value)
+
+
+def test_a_file_of_another_schema_is_refused_by_name(tmp_path: Path) -> None:
+    (tmp_path / "scene.json").write_text('{"schema": 99}', encoding="utf-8")
+    with pytest.raises(InputError, match=r"scene\.json: expected schema 1, found 99"):
+        Scene.load(tmp_path)
+    with pytest.raises(InputError, match=r"capture\.json: expected a readable JSON file"):
+        PreparedCapture.load(tmp_path)

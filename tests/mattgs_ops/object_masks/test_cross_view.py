@@ -1,0 +1,168 @@
+"""Views vote through splats: what most say of a surface is shown to all of them.
+
+A ball on a desk, made of splats by hand; what a network would say of it is made up, wrongly.
+"""
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+from mattgs_ops.capture.camera import Camera, Intrinsics
+from mattgs_ops.object_masks.cross_view import (
+    SHARE,
+    Place,
+    ask,
+    locate,
+    show,
+    standing,
+    surer,
+    whole,
+)
+from mattgs_ops.splat.gaussians import Splats
+
+WIDTH, HEIGHT, VIEWS = 96, 72, 10
+BALL, SIDE = 4000, 90  # splats of the ball, and along a side of the desk
+RADIUS, CENTRE = 0.6, np.array([0.0, 0.0, 0.6])
+
+
+def orbit() -> list[Camera]:
+    lens = Intrinsics(WIDTH, HEIGHT, 90.0, 90.0, WIDTH / 2, HEIGHT / 2)
+    cameras = []
+    for k in range(VIEWS):
+        angle, rise = 2 * np.pi * k / VIEWS, 0.45 if k % 2 else 0.8
+        away = np.array([np.cos(angle) * np.cos(rise), np.sin(angle) * np.cos(rise), np.sin(rise)])
+        eye = CENTRE + 3.2 * away
+        right = np.cross(-away, [0, 0, 1.0])
+        right /= np.linalg.norm(right)
+        rotation = np.stack([right, np.cross(-away, right), -away])
+        cameras.append(Camera(lens, rotation, -rotation @ eye))
+    return cameras
+
+
+def scene_of_splats(floater: np.ndarray | None = None) -> Splats:
+    """Make the ball, then the desk, then a large opaque floater if one is wanted."""
+    index = np.arange(BALL) + 0.5
+    polar, turn = np.arccos(1 - 2 * index / BALL), np.pi * (1 + 5**0.5) * index
+    ball = CENTRE + RADIUS * np.stack(
+        [np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)], axis=1
+    )
+    grid = np.linspace(-2, 2, SIDE)
+    desk = np.stack([*(a.ravel() for a in np.meshgrid(grid, grid)), np.zeros(SIDE**2)], axis=1)
+    extra = np.empty((0, 3)) if floater is None else floater[None]
+    means = np.concatenate([ball, desk, extra])
+    scales = np.full(len(means), 0.02)
+    scales[BALL + SIDE**2 :] = 0.4
+    count = len(means)
+    return Splats(
+        means=torch.tensor(means, dtype=torch.float32),
+        log_scales=torch.tensor(np.log(scales), dtype=torch.float32)[:, None].repeat(1, 3),
+        quaternions=torch.tensor([[1.0, 0, 0, 0]]).repeat(count, 1),
+        opacity_logits=torch.full((count,), 3.0),
+        sh_dc=torch.zeros(count, 3),
+        sh_rest=torch.zeros(count, 15, 3),
+    )
+
+
+def truth(camera: Camera) -> np.ndarray:
+    """Return the ball's silhouette [H, W] in {0, 1}."""
+    x, y = np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(HEIGHT) + 0.5)
+    k = camera.intrinsics
+    rays = np.stack([(x - k.cx) / k.fx, (y - k.cy) / k.fy, np.ones_like(x)], -1)
+    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+    middle = camera.rotation @ CENTRE + camera.translation
+    return (np.linalg.norm(np.cross(rays, middle), axis=-1) < RADIUS).astype(np.float32)
+
+
+def said(cameras: list[Camera]) -> list[np.ndarray]:
+    """Make up what a network says: view 2 leaks, view 7 misses half, all take the ground along."""
+    maps = []
+    spot = np.array([[0.35 * np.cos(a), 0.35 * np.sin(a), 0.0] for a in np.linspace(0, 6.3, 60)])
+    for index, camera in enumerate(cameras):
+        soft = 0.9 * truth(camera)
+        columns, rows = camera.project(spot)[0].astype(int).T
+        soft[rows, columns] = 0.9
+        if index == 2:
+            soft[5:30, 2:40] = 0.9
+        if index == 7:
+            soft[:, : WIDTH // 2] = 0
+        maps.append(soft.astype(np.float32))
+    return maps
+
+
+def iou(shown: np.ndarray, expected: np.ndarray) -> float:
+    found, wanted = shown > SHARE, expected > 0.5
+    return float((found & wanted).sum() / (found | wanted).sum())
+
+
+def agreed(splats: Splats, cameras: list[Camera]) -> tuple[list[np.ndarray], Place]:
+    labels, weights = ask(splats, cameras, said(cameras))
+    place = locate(splats, labels, weights, cameras)
+    assert place is not None
+    assert place.ground is not None
+    labels = standing(splats, labels, place)
+    first = [surer(show(splats, labels, camera, place)) for camera in cameras]
+    labels = whole(splats, ask(splats, cameras, first)[0], weights, place)
+    return [show(splats, labels, camera, place) for camera in cameras], place
+
+
+def test_leaks_losses_and_the_ground_are_mended() -> None:
+    cameras = orbit()
+    truths = [truth(camera) for camera in cameras]
+    before = [iou(m, t) for m, t in zip(said(cameras), truths, strict=True)]
+    assert before[2] < 0.6
+    assert before[7] < 0.6
+    shown, place = agreed(scene_of_splats(), cameras)
+    after = [iou(m, t) for m, t in zip(shown, truths, strict=True)]
+    # a pixel around silhouettes of forty costs a tenth; what single views got wrong cost half
+    assert min(after) > 0.75, after
+    assert min(after[2] - before[2], after[7] - before[7]) > 0.2
+    assert place.radius == pytest.approx(RADIUS, rel=0.3)
+    np.testing.assert_allclose(place.middle, CENTRE, atol=0.25)
+
+
+def test_a_floater_before_a_camera_hides_nothing_from_it() -> None:
+    cameras = orbit()
+    near = CENTRE + 0.7 * (cameras[4].centre - CENTRE)
+    shown, _ = agreed(scene_of_splats(near), cameras)
+    assert iou(shown[4], truth(cameras[4])) > 0.8
+
+
+def test_a_spot_that_no_view_finds_is_object_because_it_is_part_of_the_ball() -> None:
+    cameras, splats = orbit(), scene_of_splats()
+    top = CENTRE + np.array([0, 0, RADIUS])
+    maps = [truth(camera) for camera in cameras]
+    for camera, soft in zip(cameras, maps, strict=True):
+        column, row = camera.project(top[None])[0][0].astype(int)
+        cv2.circle(soft, (int(column), int(row)), 5, 0.0, -1)
+    labels, weights = ask(splats, cameras, maps)
+    place = locate(splats, labels, weights, cameras)
+    assert place is not None
+    spot = np.linalg.norm(splats.means.numpy() - top, axis=1) < 0.1
+    assert standing(splats, labels, place)[spot].max() < 0.3
+    labels = whole(splats, labels, weights, place)
+    assert set(np.unique(labels)) == {0, 1}
+    assert labels[spot].min() == 1
+    assert labels[BALL:].max() == 0  # the desk, on which the ball touches it too
+
+
+def test_a_splats_label_is_the_mean_of_what_its_pixels_were_given() -> None:
+    cameras = orbit()
+    maps = [np.full((HEIGHT, WIDTH), value, np.float32) for value in np.linspace(0.2, 0.8, VIEWS)]
+    labels, weights = ask(scene_of_splats(), cameras, maps)
+    assert (weights[:BALL].sum(), (weights > 0).mean()) > (0, 0.9)
+    assert labels.min() >= 0
+    assert labels[weights > 1].min() >= 0.2 - 1e-5
+    assert labels.max() <= 0.8 + 1e-5
+
+
+def test_maps_that_show_nothing_locate_nothing() -> None:
+    cameras = orbit()
+    maps = [np.zeros((HEIGHT, WIDTH), np.float32)] * VIEWS
+    splats = scene_of_splats()
+    assert locate(splats, *ask(splats, cameras, maps), cameras) is None
+
+
+def test_doubt_is_taken_out_of_first_answers() -> None:
+    first = np.array([0, 0.125, 0.25, 0.375, 1], np.float32)
+    np.testing.assert_allclose(surer(first), [0, 0, 0.5, 1, 1], atol=1e-6)

@@ -1,0 +1,283 @@
+"""From splats to stored renders to scores, on a small scene with known splats."""
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from mattgs_ops.capture.camera import Camera, Intrinsics
+from mattgs_ops.capture.scene import Scene, SparsePoints, View
+from mattgs_ops.config import Condition
+from mattgs_ops.errors import InputError, StageError
+from mattgs_ops.score.evaluate import RenderedViews, measure_speed, render_views, score
+from mattgs_ops.score.metrics import METRICS, PSNR_CEILING
+from mattgs_ops.splat.files.ply import write_ply
+from mattgs_ops.splat.gaussians import Splats
+from mattgs_ops.splat.rasterize import render
+
+WIDTH, HEIGHT = 40, 32
+ORIGINAL, NOBG = Condition.parse("original-3dgs"), Condition.parse("nobg-ours")
+WHITE = (1.0, 1.0, 1.0)
+
+
+def ball(count: int = 60) -> Splats:
+    """Make an opaque, colourful ball that fills much of the frame."""
+    rng = np.random.default_rng(3)
+    splats = Splats.zeros(count)
+    splats.means[:] = torch.from_numpy(rng.normal(size=(count, 3)) * 0.4)
+    splats.log_scales[:] = math.log(0.25)
+    splats.quaternions[:, 0] = 1
+    splats.opacity_logits[:] = 4.0
+    splats.sh_dc[:] = torch.from_numpy(rng.uniform(-1.5, 1.5, (count, 3)))
+    return splats
+
+
+def camera(index: int) -> Camera:
+    angle = 0.15 * index
+    turn = np.array(
+        [[math.cos(angle), 0, math.sin(angle)], [0, 1, 0], [-math.sin(angle), 0, math.cos(angle)]]
+    )
+    lens = Intrinsics(WIDTH, HEIGHT, 40.0, 40.0, WIDTH / 2, HEIGHT / 2)
+    return Camera(lens, turn, np.array([0.0, 0.0, 3.5]))
+
+
+def stored(path: Path) -> np.ndarray:
+    with Image.open(path) as image:
+        return np.array(image)
+
+
+def picture(values: torch.Tensor) -> np.ndarray:
+    return (values.clamp(0, 1) * 255).round().to(torch.uint8).numpy()
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Scene:
+    """Nine views of the ball over white; the first and the last are held out."""
+    folder = tmp_path / "scene"
+    (folder / "photos").mkdir(parents=True)
+    (folder / "masks").mkdir()
+    views = []
+    for index in range(9):
+        name = f"{index:02}.jpg"
+        shot = render(ball(), camera(index), WHITE)
+        photo, mask = folder / "photos" / f"{name}.png", folder / "masks" / f"{name}.png"
+        Image.fromarray(picture(shot.image)).save(photo)
+        Image.fromarray(np.where(shot.alpha.numpy() > 0.5, 255, 0).astype(np.uint8)).save(mask)
+        split = "test" if index % 8 == 0 else "train"
+        views.append(View(name, split, WIDTH, HEIGHT, photo, mask, camera(index)))
+    made = Scene("ball", folder, tuple(views), {})
+    made.save(
+        SparsePoints(
+            np.zeros((1, 3)),
+            np.zeros((1, 3), np.uint8),
+            np.ones(1, np.float32),
+            np.ones(1, np.int32),
+        )
+    )
+    return made
+
+
+@pytest.fixture
+def ply(tmp_path: Path) -> Path:
+    write_ply(ball(), tmp_path / "splats.ply")
+    return tmp_path / "splats.ply"
+
+
+def changed(scene: Scene, index: int, **changes: object) -> Scene:
+    views = list(scene.views)
+    views[index] = replace(views[index], **changes)  # type: ignore[arg-type]
+    return replace(scene, views=tuple(views))
+
+
+def test_the_right_splats_score_perfectly(scene: Scene, ply: Path, tmp_path: Path) -> None:
+    render_views(scene, ply, ORIGINAL, WIDTH, tmp_path / "out")
+    metrics = score(tmp_path / "out")["metrics"]
+    for name in ("psnr", "mask_psnr", "train_psnr"):
+        assert metrics[name] == PSNR_CEILING
+    assert metrics["ssim"] == metrics["mask_ssim"] == pytest.approx(1)
+    assert metrics["l1"] == metrics["loss"] == metrics["paper_loss"] == pytest.approx(0, abs=1e-12)
+
+
+def test_worse_splats_score_worse(scene: Scene, tmp_path: Path) -> None:
+    worse = ball()
+    worse.means[:, 0] += 0.05
+    write_ply(worse, tmp_path / "worse.ply")
+    render_views(scene, tmp_path / "worse.ply", ORIGINAL, WIDTH, tmp_path / "out")
+    metrics = score(tmp_path / "out")["metrics"]
+    assert 15 < metrics["mask_psnr"] < metrics["psnr"] < 40
+    assert metrics["ssim"] < 0.99
+    assert 0 < metrics["paper_l1"] < metrics["l1"]
+
+
+def test_details_are_shrunk_with_the_photo_so_that_thin_ones_stay(
+    scene: Scene, ply: Path, tmp_path: Path
+) -> None:
+    ids = np.zeros((HEIGHT, WIDTH), np.uint8)
+    ids[:, 20] = 2  # half a pixel wide at half the size
+    ids[0, 0] = 1  # a quarter of one
+    Image.fromarray(ids).save(tmp_path / "ids.png")
+    known = changed(scene, 0, ids=tmp_path / "ids.png")
+    render_views(known, ply, ORIGINAL, WIDTH // 2, tmp_path / "out")
+    details = stored(tmp_path / "out" / "details" / "test" / "00.jpg.png")
+    rows, columns = np.nonzero(details)
+    assert {*zip(rows.tolist(), columns.tolist(), strict=True)} == {
+        (0, 0),
+        *((row, 10) for row in range(HEIGHT // 2)),
+    }
+    result = score(tmp_path / "out")
+    assert result["counts"]["detail_psnr"] == 1  # of two test views
+    assert result["metrics"]["detail_psnr"] > 15
+
+
+def test_what_is_stored_is_what_is_scored(scene: Scene, ply: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    rendered = render_views(scene, ply, ORIGINAL, WIDTH, out)
+    assert RenderedViews.load(out) == rendered
+    for kind in ("renders", "truth", "masks"):
+        assert [p.name for p in sorted((out / kind / "test").iterdir())] == [
+            "00.jpg.png",
+            "08.jpg.png",
+        ]
+        assert len(list((out / kind / "train").iterdir())) == 7
+    before = score(out)
+    path = out / "renders" / "test" / "08.jpg.png"
+    pixels = stored(path)
+    pixels[:8] = 255 - pixels[:8]
+    Image.fromarray(pixels).save(path)
+    after = score(out)
+    assert after["per_view"][0] == before["per_view"][0]
+    assert after["per_view"][1]["psnr"] < before["per_view"][1]["psnr"]
+    assert after["digests"]["renders"] != before["digests"]["renders"]
+    assert after["digests"]["truth"] == before["digests"]["truth"]
+    assert json.loads((out / "evaluation.json").read_text()) == after
+
+
+def test_means_are_means_of_the_views_values(scene: Scene, tmp_path: Path) -> None:
+    worse = ball()
+    worse.means[:, 1] += 0.04
+    write_ply(worse, tmp_path / "worse.ply")
+    render_views(scene, tmp_path / "worse.ply", NOBG, WIDTH, tmp_path / "out")
+    result = score(tmp_path / "out")
+    assert [(row["view"], row["split"]) for row in result["per_view"]][:3] == [
+        ("00.jpg", "test"),
+        ("08.jpg", "test"),
+        ("01.jpg", "train"),
+    ]
+    for split, prefix, count in (("test", "", 2), ("train", "train_", 7)):
+        values = [row["psnr"] for row in result["per_view"] if row["split"] == split]
+        assert result["metrics"][f"{prefix}psnr"] == pytest.approx(sum(values) / count)
+        assert result["counts"][f"{prefix}psnr"] == count
+    assert set(result["metrics"]) <= set(METRICS)
+    assert set(result["versions"]) == set(result["metrics"])
+
+
+def test_each_condition_is_compared_with_its_own_truth(
+    scene: Scene, ply: Path, tmp_path: Path
+) -> None:
+    """Over a dark desk ``original`` keeps the desk, ``nobg`` stands on white."""
+    for view in scene.views:
+        assert view.camera is not None
+        dark = render(ball(), view.camera, (0.1, 0.1, 0.1))
+        Image.fromarray(picture(dark.image)).save(view.photo)
+    scores = {}
+    for condition in (ORIGINAL, NOBG):
+        out = tmp_path / str(condition)
+        shown = render_views(scene, ply, condition, WIDTH, out, background=(0.1, 0.1, 0.1))
+        corner = stored(out / "truth" / "test" / "00.jpg.png")[0, 0]
+        assert corner.tolist() == ([255] * 3 if condition is NOBG else [26] * 3)
+        assert shown.background == (WHITE if condition is NOBG else (0.1, 0.1, 0.1))
+        scores[str(condition)] = score(out)["metrics"]
+    assert scores["original-3dgs"]["psnr"] == PSNR_CEILING
+    assert scores["nobg-ours"]["psnr"] > 15  # the ball's soft rim is cut by the binary mask
+
+
+def test_a_test_view_without_a_camera_is_a_stated_failure(
+    scene: Scene, ply: Path, tmp_path: Path
+) -> None:
+    lost = changed(scene, 8, camera=None)
+    render_views(lost, ply, ORIGINAL, WIDTH, tmp_path / "out")
+    result = score(tmp_path / "out")
+    assert result["missing"] == ["08.jpg"]
+    assert result["metrics"]["missing_views"] == 1
+    assert result["metrics"]["test_views"] == 1
+    with pytest.raises(StageError, match="expected test views with a camera, found none of 2"):
+        render_views(changed(lost, 0, camera=None), ply, ORIGINAL, WIDTH, tmp_path / "none")
+
+
+def test_views_without_masks_have_no_scores_in_them(
+    scene: Scene, ply: Path, tmp_path: Path
+) -> None:
+    bare = replace(scene, views=tuple(replace(view, mask=None) for view in scene.views))
+    render_views(bare, ply, ORIGINAL, WIDTH, tmp_path / "out")
+    result = score(tmp_path / "out")
+    assert "mask_psnr" not in result["metrics"]
+    assert result["per_view"][0]["mask_psnr"] is None
+    assert "psnr" in result["metrics"]
+
+
+def test_some_training_views_only_and_that_is_stated(
+    scene: Scene, ply: Path, tmp_path: Path
+) -> None:
+    render_views(scene, ply, ORIGINAL, WIDTH, tmp_path / "out", train_every=3)
+    result = score(tmp_path / "out")
+    names = [row["view"] for row in result["per_view"] if row["split"] == "train"]
+    assert names == ["01.jpg", "04.jpg", "07.jpg"]
+    assert result["train_every"] == 3
+    assert result["counts"]["train_psnr"] == 3
+
+
+def test_size_is_of_the_file_in_millions_of_bytes(scene: Scene, ply: Path, tmp_path: Path) -> None:
+    render_views(scene, ply, ORIGINAL, WIDTH, tmp_path / "out")
+    metrics = score(tmp_path / "out")["metrics"]
+    assert metrics["size_mb"] == ply.stat().st_size / 1_000_000
+    assert metrics["splats"] == 60
+
+
+def test_a_smaller_resolution_makes_smaller_pictures(
+    scene: Scene, ply: Path, tmp_path: Path
+) -> None:
+    render_views(scene, ply, ORIGINAL, 20, tmp_path / "out")
+    for kind in ("renders", "truth", "masks"):
+        small = stored(tmp_path / "out" / kind / "test" / "00.jpg.png")
+        assert small.shape[:2] == (16, 20)
+    assert score(tmp_path / "out")["metrics"]["psnr"] > 20
+
+
+def test_progress_names_each_view(scene: Scene, ply: Path, tmp_path: Path) -> None:
+    seen: list[tuple[int, int, str]] = []
+    render_views(
+        scene, ply, ORIGINAL, WIDTH, tmp_path / "out", progress=lambda *args: seen.append(args)
+    )
+    assert seen[0] == (1, 9, "00.jpg rendered")
+    assert seen[-1][:2] == (9, 9)
+
+
+def test_what_is_missing_or_does_not_fit_is_named(scene: Scene, ply: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    with pytest.raises(InputError, match=r"views\.json: expected the list of rendered views"):
+        score(out)
+    render_views(scene, ply, ORIGINAL, WIDTH, out)
+    path = out / "renders" / "test" / "08.jpg.png"
+    Image.fromarray(stored(path)[:16, :20]).save(path)
+    with pytest.raises(InputError, match=r"render of 08\.jpg is 20 x 16, its truth 40 x 32"):
+        score(out)
+    path.unlink()
+    with pytest.raises(InputError, match=r"08\.jpg\.png: expected a stored render"):
+        score(out)
+
+
+def test_speed_is_of_the_test_views_beside_the_fixed_workload(scene: Scene, ply: Path) -> None:
+    speed = measure_speed(scene, ply, ORIGINAL, WIDTH)
+    assert set(speed) == {"fps", "calibration", "fps_calibrated", "fps_noise"}
+    # the median round against the mean rate and the fastest workload: alike, not equal
+    assert 0.2 < speed["fps_calibrated"] / (speed["fps"] * speed["calibration"]) < 5
+    assert speed["fps_noise"] >= 0
+    assert min(speed["fps"], speed["calibration"]) > 0
+    none = changed(changed(scene, 0, camera=None), 8, camera=None)
+    with pytest.raises(StageError, match="found none"):
+        measure_speed(none, ply, ORIGINAL, WIDTH)

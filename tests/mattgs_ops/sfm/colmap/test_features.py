@@ -1,0 +1,89 @@
+"""Specification of which key points are kept, and when more are sought."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from mattgs_ops.config import SfmConfig
+from mattgs_ops.errors import InputError
+from mattgs_ops.sfm.colmap import features
+from mattgs_ops.sfm.colmap.features import Features
+
+
+def select(inside: list[bool], scales: list[float], limit: int) -> Features:
+    keypoints = np.zeros((len(scales), 4), np.float32)
+    keypoints[:, 2] = scales
+    keypoints[:, 0] = np.arange(len(scales))  # tells them apart
+    data = np.arange(len(scales), dtype=np.uint8)[:, None].repeat(128, axis=1)
+    return features.select(keypoints, data, np.array(inside, dtype=bool), limit)
+
+
+def test_photo_and_object_each_keep_their_key_points_of_largest_scale() -> None:
+    kept = select([False, True, False, True, True, False], [9, 1, 5, 2, 0.5, 7], 2)
+    assert kept.keypoints[:, 0].tolist() == [0, 5, 3, 1]  # largest scale first
+    assert kept.descriptors[:, 0].tolist() == [0, 5, 3, 1]
+    assert kept.whole.tolist() == [True, True, False, False]
+    assert kept.masked.tolist() == [False, False, True, True]
+    assert kept.inside.tolist() == [False, False, True, True]
+    assert kept.found == (6, 3)
+
+
+def test_modes_see_the_sets_that_are_theirs() -> None:
+    kept = select([False, True, False, True], [9, 1, 5, 6], 3)
+    names = {m: kept.of_mode(m).keypoints[:, 0].tolist() for m in ("original", "masked", "shared")}
+    assert names == {"original": [0, 3, 2], "masked": [3, 1], "shared": [0, 3, 2, 1]}
+    masked = kept.of_mode("masked")
+    assert (masked.inside.all(), masked.found) == (True, (4, 2))
+    assert np.array_equal(masked.positions[:, 0], [3, 1])
+
+
+def test_without_a_cap_the_two_sets_are_the_photo_and_its_mask() -> None:
+    kept = select([False, True, True], [1, 2, 3], 99)
+    assert kept.whole.all()
+    assert np.array_equal(kept.masked, kept.inside)
+    assert len(select([], [], 5).inside) == 0
+
+
+def test_key_points_are_inside_by_the_pixel_they_fall_on(tmp_path: Path) -> None:
+    mask = np.zeros((40, 60), np.uint8)
+    mask[10:20, 30:40] = 255
+    cv2.imwrite(str(tmp_path / "m.png"), mask)
+    keypoints = np.zeros((5, 4), np.float32)
+    keypoints[:, :2] = [[30, 10], [39.99, 19.99], [40.0, 15], [29.9, 15], [41.5, 15]]
+    inside = features.inside_mask(tmp_path / "m.png", keypoints, 0.0)
+    assert inside.tolist() == [True, True, False, False, False]
+    grown = features.inside_mask(tmp_path / "m.png", keypoints, 0.02)  # one pixel of 60
+    assert grown.tolist() == [True, True, True, True, False]
+
+
+def test_an_unreadable_mask_or_photo_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"m\.png: expected a readable mask"):
+        features.inside_mask(tmp_path / "m.png", np.zeros((1, 4), np.float32), 0.0)
+    with pytest.raises(InputError, match=r"p\.png: expected a readable photo"):
+        features.read_grey(tmp_path / "p.png", 100)
+
+
+def test_large_photos_are_shrunk_and_say_by_how_much(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "p.png"), np.zeros((300, 400, 3), np.uint8))
+    grey, scale = features.read_grey(tmp_path / "p.png", 100)
+    assert (grey.shape, scale) == ((75, 100), 4.0)
+    grey, scale = features.read_grey(tmp_path / "p.png", 400)
+    assert (grey.shape, scale) == ((300, 400), 1.0)
+
+
+def test_more_is_sought_when_a_tenth_of_the_views_has_too_few_on_the_object() -> None:
+    many = select([True] * 60, [1.0] * 60, 20)  # counted before the cap
+    few = select([True] * 59 + [False] * 500, [1.0] * 559, 999)
+    assert features.enough([many] * 9 + [few])
+    assert not features.enough([many] * 8 + [few] * 2)
+
+
+def test_the_ladder_lowers_the_threshold_then_grows_the_mask_and_says_so() -> None:
+    usual, faint, grown = features.ladder(SfmConfig(peak_threshold=0.01))
+    assert usual == (None, features.Extraction(0.01, 0.0))
+    assert faint[1] == features.Extraction(0.0025, 0.0)
+    assert grown[1] == features.Extraction(0.0025, 0.02)
+    assert faint[0] == "SIFT peak threshold lowered from 0.0100 to 0.0025"
+    assert grown[0] == "masks grown by 2% of the longest side for finding key points"

@@ -1,0 +1,66 @@
+"""Specification of random points in the masks' visual hull."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from mattgs_ops.capture.scene import PreparedCapture
+from mattgs_ops.errors import StageError
+from mattgs_ops.sfm import visual_hull
+
+
+def test_the_volume_is_around_what_the_cameras_look_at(box_capture: PreparedCapture) -> None:
+    cameras = [v.camera for v in box_capture.views if v.camera is not None]
+    centre, radius = visual_hull.look_at_volume(cameras)
+    assert np.allclose(centre, [0, 0, 0.3], atol=1e-9)  # where the capture's cameras aim
+    for camera in cameras:  # a ball that each of them holds
+        distance = np.linalg.norm(camera.centre - centre)
+        assert radius <= distance * np.sin(np.arctan(camera.intrinsics.width / 2 / 260)) + 1e-9
+
+
+def test_points_fill_the_hull_and_nothing_else(box_capture: PreparedCapture) -> None:
+    points = visual_hull.fill(box_capture.views, 800, seed=5)
+    assert points.xyz.shape == (800, 3)
+    assert (points.object_share == 1).all()
+    assert points.views_seen.min() >= 5
+    # an arc of views leaves the hull deeper than the box, but no wider as they see it
+    for view in box_capture.views:
+        assert view.camera is not None
+        pixels, depths = view.camera.project(points.xyz)
+        mask = cv2.imread(str(view.mask), cv2.IMREAD_GRAYSCALE)
+        hit = visual_hull.inside(mask, pixels, depths)
+        assert hit.mean() > 0.85
+    # and nothing of the box is left out: its share of the hull is its share of the points
+    half = np.array([0.5, 0.4, 0.35])
+    inside_box = (np.abs(points.xyz - [0, 0, 0.35]) <= half).all(axis=1)
+    assert inside_box.mean() > 0.4
+
+
+def test_the_seed_decides(box_capture: PreparedCapture) -> None:
+    first, again, other = (visual_hull.fill(box_capture.views, 50, seed) for seed in (1, 1, 2))
+    assert np.array_equal(first.xyz, again.xyz)
+    assert not np.array_equal(first.xyz, other.xyz)
+
+
+def test_colours_know_nothing_of_test_photos(box_capture: PreparedCapture, tmp_path: Path) -> None:
+    poisoned = []
+    for view in box_capture.views:
+        photo = view.photo
+        if view.split == "test":
+            photo = tmp_path / photo.name
+            cv2.imwrite(str(photo), np.full((view.height, view.width, 3), (0, 0, 255), np.uint8))
+        poisoned.append(replace(view, photo=photo))
+    assert any(view.split == "test" for view in box_capture.views)
+    clean, other = (visual_hull.fill(views, 50, seed=1) for views in (box_capture.views, poisoned))
+    np.testing.assert_array_equal(clean.rgb, other.rgb)
+
+
+def test_masks_without_a_common_volume_are_an_error(box_capture: PreparedCapture) -> None:
+    black = box_capture.folder / "black.png"
+    cv2.imwrite(str(black), np.zeros((180, 240), np.uint8))
+    views = [replace(view, mask=black) for view in box_capture.views]
+    with pytest.raises(StageError, match="no common volume"):
+        visual_hull.fill(views, 100, seed=0)

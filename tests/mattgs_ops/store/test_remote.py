@@ -1,0 +1,193 @@
+"""A store that machines share: whole or not at all, verified on the way down, first one stays."""
+
+import hashlib
+import logging
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import fsspec
+import pytest
+
+from mattgs_ops.errors import InputError, StageError
+from mattgs_ops.store.remote import RemoteStore
+from mattgs_ops.store.store import Finished, Store, stage_key
+
+KEY = stage_key("train", "c0de", {"steps": 3}, {"scene": "aa"})
+
+
+@pytest.fixture(scope="session")
+def s3_server() -> Iterator[str]:
+    """Start a server that speaks S3 on a free port; return its address."""
+    from moto.server import ThreadedMotoServer
+
+    server = ThreadedMotoServer("127.0.0.1", 0, verbose=False)
+    server.start()
+    host, port = server.get_host_and_port()
+    yield f"http://{host}:{port}"
+    server.stop()
+
+
+@pytest.fixture
+def s3(s3_server: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Return the place of a store on S3, in a bucket of its own."""
+    for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"):
+        monkeypatch.setenv(name, "test")
+    monkeypatch.setenv("AWS_ENDPOINT_URL", s3_server)
+    monkeypatch.setenv("AWS_DEFAULT_REGION", "us-east-1")
+    bucket = f"b{hashlib.sha256(str(tmp_path).encode()).hexdigest()[:20]}"
+    fsspec.filesystem("s3", use_listings_cache=False).mkdir(bucket)
+    return f"s3://{bucket}/shared"
+
+
+@pytest.fixture(params=["file", "memory", "s3"])
+def url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
+    """Return the place of a shared store: on disk, in memory, on S3, all through the same code."""
+    if request.param == "s3":
+        return str(request.getfixturevalue("s3"))
+    return f"{request.param}://{tmp_path}/shared"
+
+
+def make(store: Store, text: str = "result") -> Finished:
+    with store.stage(KEY) as slot:
+        assert slot.finished is None
+        (slot.work / "sub").mkdir()
+        (slot.work / "a.txt").write_text(text)
+        (slot.work / "sub" / "b.txt").write_text("more")
+        return slot.finish({"seconds": 1.0})
+
+
+def objects(url: str) -> list[str]:
+    files, root = fsspec.url_to_fs(url)
+    return sorted(str(path) for path in files.ls(f"{root}/objects", detail=False))
+
+
+def test_what_one_machine_finishes_another_finds(tmp_path: Path, url: str) -> None:
+    made = make(Store(tmp_path / "one", url))
+    other = Store(tmp_path / "two", url)
+    with other.stage(KEY) as slot:
+        assert slot.finished is not None
+        assert (slot.finished.digest, slot.finished.extra) == (made.digest, {"seconds": 1.0})
+    shutil.rmtree(tmp_path / "one")
+    assert (other.fetch(str(KEY)).folder / "sub" / "b.txt").read_text() == "more"
+    assert Store(tmp_path / "two").require(KEY).digest == made.digest
+
+
+def test_what_is_nowhere_is_said_so(tmp_path: Path, url: str) -> None:
+    with pytest.raises(StageError, match="expected a finished stage"):
+        Store(tmp_path / "one", url).fetch(str(KEY))
+
+
+def test_without_its_manifest_an_artifact_is_not_there(tmp_path: Path, url: str) -> None:
+    """The manifest is written last: a kill before that leaves objects that nobody reads."""
+    make(Store(tmp_path / "one", url))
+    files, root = fsspec.url_to_fs(url)
+    files.rm_file(f"{root}/{KEY}/manifest.json")
+    assert len(objects(url)) == 2
+    make(Store(tmp_path / "two", url))
+
+
+def test_half_a_manifest_counts_for_none(tmp_path: Path, url: str) -> None:
+    make(Store(tmp_path / "one", url))
+    files, root = fsspec.url_to_fs(url)
+    files.pipe_file(f"{root}/{KEY}/manifest.json", b'{"files": ')
+    made = make(Store(tmp_path / "two", url))
+    assert Store(tmp_path / "three", url).fetch(str(KEY)).digest == made.digest
+
+
+@pytest.mark.parametrize("contents", [b"rEsult", b"res", b""])
+def test_a_damaged_object_is_seen_said_and_repaired(
+    tmp_path: Path, url: str, caplog: pytest.LogCaptureFixture, contents: bytes
+) -> None:
+    make(Store(tmp_path / "one", url))
+    files, _ = fsspec.url_to_fs(url)
+    damaged = next(path for path in objects(url) if files.cat_file(path) == b"result")
+    files.pipe_file(damaged, contents)
+    two = Store(tmp_path / "two", url)
+    with caplog.at_level(logging.WARNING):
+        make(two)  # finds none, makes it again
+    assert "damaged; it will be made again" in caplog.text
+    assert (Store(tmp_path / "three", url).fetch(str(KEY)).folder / "a.txt").read_text() == "result"
+
+
+def test_of_two_machines_that_finish_at_once_the_first_is_everybodys(
+    tmp_path: Path, url: str
+) -> None:
+    one, two = Store(tmp_path / "one", url), Store(tmp_path / "two", url)
+    with two.stage(KEY) as slot:
+        first = make(one, "of one")
+        (slot.work / "a.txt").write_text("of two")
+        second = slot.finish({"seconds": 2.0})
+    assert second.digest == first.digest
+    assert (second.folder / "a.txt").read_text() == "of one"
+    assert not list((tmp_path / "two" / "work").iterdir())
+
+
+def test_what_was_finished_but_not_shared_is_shared_when_asked_for(
+    tmp_path: Path, url: str
+) -> None:
+    """A kill between the local result and its upload loses nothing."""
+    made = make(Store(tmp_path / "one"))
+    with Store(tmp_path / "one", url).stage(KEY) as slot:
+        assert slot.finished is not None
+    assert Store(tmp_path / "two", url).fetch(str(KEY)).digest == made.digest
+
+
+def test_a_download_leaves_an_interrupted_stage_nothing(tmp_path: Path, url: str) -> None:
+    store = Store(tmp_path / "one", url)
+    with store.stage(KEY, resume=True) as slot:
+        (slot.work / "checkpoint").write_text("step 2")
+    with store.stage(KEY, resume=True) as slot:
+        assert (slot.work / "checkpoint").read_text() == "step 2", "nobody else has it: go on"
+    make(Store(tmp_path / "two", url))
+    store.fetch(str(KEY))
+    assert not list((tmp_path / "one" / "work").iterdir())
+
+
+def test_another_machine_goes_on_from_the_newest_draft(tmp_path: Path, url: str) -> None:
+    one, two = Store(tmp_path / "one", url), Store(tmp_path / "two", url)
+    with one.stage(KEY, resume=True) as slot:
+        for step in ("step 1", "step 2"):
+            (slot.work / "checkpoint").write_text(step)
+            slot.keep_draft(slot.work)
+        files, root = fsspec.url_to_fs(url)
+        assert not files.exists(f"{root}/objects"), "drafts lie apart from what artifacts share"
+    with two.stage(KEY) as slot:
+        assert not list(slot.work.iterdir()), "only stages that resume ask for it"
+    with two.stage(KEY, resume=True) as slot:
+        assert (slot.work / "checkpoint").read_text() == "step 2"
+        (slot.work / "a.txt").write_text("result")
+        slot.finish()
+    assert not files.find(f"{root}/drafts")
+    assert (one.fetch(str(KEY)).folder / "a.txt").read_text() == "result"
+
+
+def test_a_machine_that_has_work_of_its_own_goes_on_with_that(tmp_path: Path, url: str) -> None:
+    one, two = Store(tmp_path / "one", url), Store(tmp_path / "two", url)
+    for store, step in ((two, "step 1"), (one, "step 2")):
+        with store.stage(KEY, resume=True) as slot:
+            (slot.work / "checkpoint").write_text(step)
+            slot.keep_draft(slot.work)
+    with two.stage(KEY, resume=True) as slot:
+        assert (slot.work / "checkpoint").read_text() == "step 1"
+
+
+def test_half_a_draft_is_none(tmp_path: Path, url: str) -> None:
+    files, root = fsspec.url_to_fs(url)
+    with Store(tmp_path / "one", url).stage(KEY, resume=True) as slot:
+        for name in ("checkpoint", "curve"):
+            (slot.work / name).write_text(name)
+        slot.keep_draft(slot.work)
+    (damaged,) = (path for path in files.find(f"{root}/drafts") if files.cat_file(path) == b"curve")
+    files.pipe_file(damaged, b"curv")
+    with Store(tmp_path / "two", url).stage(KEY, resume=True) as slot:
+        assert not list(slot.work.iterdir())
+
+
+def test_a_place_that_cannot_be_used_is_refused_before_any_work(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="--store nothing://x"):
+        RemoteStore("nothing://x")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot be written"):
+        RemoteStore(f"file://{tmp_path}/file/store").check()
+    RemoteStore(f"file://{tmp_path}/new/store").check()

@@ -1,0 +1,158 @@
+"""Baselines: read back what was written, notice edits, and come up from older schemas."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mattgs_ops.errors import InputError
+from reports.gate import baseline
+from reports.gate.compare import compare
+from reports.gate.findings import Exit
+from reports.rows.schema import problems
+
+Row = dict[str, Any]
+
+
+def test_what_is_read_is_what_was_written(
+    make_grid: Callable[..., list[Row]], tmp_path: Path
+) -> None:
+    made = baseline.make(make_grid(), "quick", {"time": 0.02})
+    path = tmp_path / "deep" / "quick.json"
+    made.save(path)
+    read = baseline.load(path)
+    assert read == made
+    assert read.machine["cpu"] == ["A CPU"]
+    assert compare(make_grid(), read.rows, noise=read.noise).exit_code == Exit.PASS
+    again = tmp_path / "again.json"
+    read.save(again)
+    assert again.read_bytes() == path.read_bytes()
+
+
+def test_training_views_keep_their_names_only(make_row: Callable[..., Row]) -> None:
+    row = make_row("rover", "nobg", "3dgs")
+    row["per_view"].append({"view": "0001.jpg", "split": "train", "psnr": 30.0})
+    (kept,) = baseline.make([row], "quick").rows
+    assert kept["per_view"][-1] == {"view": "0001.jpg", "split": "train"}
+    assert problems([kept]) == []
+
+
+def test_a_number_edited_by_hand_is_noticed(
+    make_grid: Callable[..., list[Row]], tmp_path: Path
+) -> None:
+    path = tmp_path / "quick.json"
+    baseline.make(make_grid(), "quick").save(path)
+    document = json.loads(path.read_text())
+    document["rows"][0]["metrics"]["psnr"] -= 1
+    path.write_text(json.dumps(document))
+    with pytest.raises(InputError, match="digest differs"):
+        baseline.load(path)
+
+
+def test_version_1_is_migrated(make_grid: Callable[..., list[Row]], tmp_path: Path) -> None:
+    rows = make_grid()
+    path = tmp_path / "old.json"
+    path.write_text(json.dumps({"schema": 1, "name": "old", "rows": rows}))
+    read = baseline.load(path)
+    assert (read.name, read.protocol, dict(read.noise)) == ("old", 1, {})
+    assert list(read.rows) == rows
+    read.save(tmp_path / "new.json")
+    assert json.loads((tmp_path / "new.json").read_text())["schema"] == baseline.SCHEMA
+
+
+def test_version_2_is_migrated(make_grid: Callable[..., list[Row]], tmp_path: Path) -> None:
+    rows = make_grid()
+    machine = {"cpu": ["A CPU"], "threads": ["1"], "code_version": ["0.1.0"], "git": []}
+    document = {
+        "schema": 2,
+        "name": "quick",
+        "protocol": 1,
+        "rows": rows,
+        "rows_digest": baseline.digest(rows),
+        "machine": machine,
+        "noise": {"psnr": 0.05},
+    }
+    path = tmp_path / "old.json"
+    path.write_text(json.dumps(document))
+    read = baseline.load(path)
+    assert read.machine["cpu"] == ["A CPU"]
+    assert "code_version" not in read.machine
+    assert read.made_by["code_version"] == ["0.1.0"]
+    assert read.calibration == 0.5
+    assert (dict(read.noise), list(read.rows)) == ({"psnr": 0.05}, rows)
+    assert compare(rows, read.rows, noise=read.noise).exit_code == Exit.PASS
+    made = baseline.make(rows, "quick")
+    assert (read.machine, read.made_by) == (made.machine, made.made_by), "as if made now"
+
+
+def test_what_made_it_has_a_digest(make_grid: Callable[..., list[Row]]) -> None:
+    rows = make_grid()
+    first = baseline.make(rows, "quick").made_by
+    rows[0]["provenance"] = rows[0]["provenance"] | {"code_version": "0.2.0"}
+    second = baseline.make(rows, "quick").made_by
+    assert second["code_version"] == ["0.1.0", "0.2.0"]
+    assert first["digest"] != second["digest"]
+
+
+def test_noise_is_how_runs_of_the_same_code_differ(make_row: Callable[..., Row]) -> None:
+    def run(shift: float) -> list[Row]:
+        row = make_row("rover", "nobg", "3dgs")
+        for view in row["per_view"]:
+            view["psnr"] += shift
+        return [row]
+
+    noise = baseline.measured_noise([run(0.0), run(0.2)])
+    assert noise["psnr"] == pytest.approx(0.2 / 2**0.5, rel=1e-4)
+    assert noise["ssim"] == 0
+    assert "time" not in noise, "speed's noise is the machine's, not the code's"
+    with pytest.raises(InputError, match="two comparable runs"):
+        baseline.measured_noise([run(0.0)])
+
+
+def test_a_baseline_made_anew_keeps_its_noise(
+    make_grid: Callable[..., list[Row]], tmp_path: Path
+) -> None:
+    path = tmp_path / "quick.json"
+    assert baseline.kept_noise(path, "quick") == {}
+    baseline.make(make_grid(), "quick", {"psnr": 0.05}).save(path)
+    assert baseline.kept_noise(path, "quick") == {"psnr": 0.05}
+    assert baseline.kept_noise(path, "other") == {}
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        ("{", "readable"),
+        ("[]", "with `rows`"),
+        ('{"schema": 4, "rows": []}', "schema 1 to 3, found 4"),
+        ('{"schema": "2", "rows": []}', "found '2'"),
+        ('{"schema": 2, "rows": []}', "expected name, noise, protocol"),
+    ],
+)
+def test_what_is_no_baseline_is_refused_by_name(tmp_path: Path, text: str, word: str) -> None:
+    path = tmp_path / "b.json"
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"b\.json") as caught:
+        baseline.load(path)
+    assert word in str(caught.value)
+
+
+def test_an_unknown_name_lists_the_committed_ones() -> None:
+    with pytest.raises(InputError, match="committed ones"):
+        baseline.load("no-such-baseline")
+
+
+def test_bad_rows_make_no_baseline(make_row: Callable[..., Row]) -> None:
+    row = make_row("rover", "nobg", "3dgs")
+    del row["metrics"]["psnr"]
+    with pytest.raises(InputError, match=r"metrics\.psnr"):
+        baseline.make([row], "quick")
+    with pytest.raises(InputError, match="there are none"):
+        baseline.make([], "quick")
+
+
+def test_every_committed_baseline_can_be_read() -> None:
+    for path in baseline.FOLDER.glob("*.json"):
+        assert problems(baseline.load(path).rows) == []

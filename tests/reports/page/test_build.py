@@ -1,0 +1,183 @@
+"""The whole report: what it writes, that it says its verdict, and that it repeats to the byte."""
+
+import hashlib
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from reports.figures.plots import Saved
+from reports.page import page
+from reports.page.build import build
+from reports.tables import verdict
+
+Row = dict[str, Any]
+Pictured = tuple[list[Row], Path]
+
+
+def digests(folder: Path) -> dict[str, str]:
+    return {
+        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
+
+
+def test_everything_is_written(built: Path) -> None:
+    names = set(digests(built.parent))
+    assert built.name == "report.html"
+    assert {"report.md", "rows.json", "tables/table-1-rover.tex"} <= names
+    for stem in ("sfm", "attention", "comparison-rover", "errors-rover", "trade-off", "curves"):
+        assert {f"figures/figure-{stem}.png", f"figures/figure-{stem}.pdf"} <= names
+
+
+def test_the_same_rows_in_any_order_give_the_same_bytes(
+    built: Path, pictured: Pictured, tmp_path: Path
+) -> None:
+    rows, root = pictured
+    again = build(
+        rows[::-1], tmp_path, title="Toy <benchmark>", artifacts_root=root, summary={"CPU": "one"}
+    )
+    assert digests(again.parent) == digests(built.parent)
+
+
+def test_the_page_needs_nothing_from_outside(built: Path) -> None:
+    text = built.read_text(encoding="utf-8")
+    assert "Toy &lt;benchmark&gt;" in text
+    assert not re.search(r'(?:src|href)="(?!data:|#)', text)
+    assert not re.search(r"url\((?!data:)", text)
+    assert "default-src 'none'" in text
+
+
+def test_figures_with_photos_shrink_together_to_their_budget(
+    built: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn = [
+        Saved(stem, "", built.parent / "figures" / stem, pictorial=photos)
+        for stem, photos in (
+            ("figure-comparison-rover", True), ("figure-errors-rover", True),
+            ("figure-curves", False),
+        )
+    ]  # fmt: skip
+
+    def inlined() -> tuple[list[int], list[int], str]:
+        text = page.render(title="", summary="", facts={}, verdicts=[], tables=[], figures=drawn,
+                           galleries=[], root=None, problems=[])  # fmt: skip
+        found = re.findall(r'src="(data:image/[^"]*)" width="(\d+)"', text)
+        return [len(uri) for uri, _ in found], [int(width) for _, width in found], text
+
+    sizes, widths, text = inlined()
+    assert "of their size" not in text
+    budget = sum(sizes[:2]) // 4
+    monkeypatch.setattr(page, "PHOTO_FIGURES", budget)
+    smaller, narrower, text = inlined()
+    assert budget / 2 < sum(smaller[:2]) <= budget
+    share = narrower[0] / widths[0]
+    assert narrower[1] / widths[1] == pytest.approx(share, abs=0.01)
+    assert (smaller[2], narrower[2]) == (sizes[2], widths[2]), "plots stay as they are"
+    assert f"shown at {share * 100:.0f} % of their size" in text
+
+
+def test_numbers_stay_with_their_units() -> None:
+    render = page._unbroken
+    assert render("a 28 % smaller file, 0.5 dB and 320 px") == (
+        "a 28\u00a0% smaller file, 0.5\u00a0dB and 320\u00a0px"
+    )
+    assert render("size × 0.72, Rover 3 of 4") == "size ×\u00a00.72, Rover 3 of 4"
+
+
+def test_the_verdict_comes_first(built: Path) -> None:
+    text = built.read_text(encoding="utf-8")
+    assert text.index("Rover: without its background, Ours gains") < text.index("<table")
+    markdown = (built.parent / "report.md").read_text(encoding="utf-8")
+    assert markdown.index("## Verdict") < markdown.index("## Tables")
+
+
+def test_rows_without_artifacts_still_make_a_report(
+    make_grid: Callable[..., list[Row]], make_failed: Callable[..., Row], tmp_path: Path
+) -> None:
+    rows = [*make_grid(captures=("rover",))[:3], make_failed("rover", "nobg", "ours", "killed")]
+    path = build(rows, tmp_path, title="No pictures", artifacts_root=None)
+    text = path.read_text(encoding="utf-8")
+    assert "no stored renders" in text
+    assert "killed" in text
+    assert json.loads((tmp_path / "rows.json").read_text())[0]["capture"] == "rover"
+
+
+def test_nothing_but_failures_is_still_a_report(
+    make_failed: Callable[..., Row], tmp_path: Path
+) -> None:
+    rows = [make_failed("rover", "nobg", "ours", "no views registered")]
+    text = build(rows, tmp_path, title="Nothing", artifacts_root=None).read_text("utf-8")
+    assert "Rover: no condition finished." in text
+    assert "0 of 1 experiments finished" in text
+
+
+def pair(make_row: Callable[..., Row], shifts: list[float], **metrics: float) -> list[Row]:
+    plain, ours = make_row("rover", "nobg", "3dgs"), make_row("rover", "nobg", "ours")
+    plain["metrics"] |= {"size_mb": 4.0, "time": 100.0}
+    ours["metrics"] |= {"size_mb": 4.0, "time": 100.0} | metrics
+    for view, base, shift in zip(ours["per_view"], plain["per_view"], shifts, strict=True):
+        view["mask_psnr"] = base["mask_psnr"] + shift
+    return [plain, ours]
+
+
+def test_a_gain_is_called_one_only_beyond_doubt(make_row: Callable[..., Row]) -> None:
+    clear = verdict.verdicts(pair(make_row, [0.4, 0.5, 0.6, 0.5, 0.4, 0.6]))[0].headline
+    assert "gains 0.50 dB inside the mask over 3DGS at the same size and time" in clear
+    doubtful = verdict.verdicts(pair(make_row, [1.5, -0.5, 1.6, -0.5, 0.4, 0.6]))[0].headline
+    assert "does not measurably differ inside the mask (+0.52 dB) from 3DGS" in doubtful
+    loss = verdict.verdicts(pair(make_row, [-0.3] * 6, size_mb=3.0, time=110.0))[0].headline
+    assert "loses 0.30 dB" in loss
+    assert "a 25 % smaller file and 10 % more training time" in loss
+
+
+def test_the_first_sentence_counts_captures(make_row: Callable[..., Row]) -> None:
+    better, worse = (pair(make_row, [shift] * 6, size_mb=2.0) for shift in (0.5, -0.3))
+    doubtful = pair(make_row, [1.5, -0.5, 1.6, -0.5, 0.4, 0.6], size_mb=2.0)
+    rows = [
+        row | {"capture": name}
+        for name, rows in (("a", better), ("b", worse), ("c", doubtful))
+        for row in rows
+    ]
+    found = verdict.overall(rows)
+    assert found is not None
+    assert found.headline == (
+        "Without backgrounds, Ours gains over 3DGS on 1 of 3 captures, loses on 1 and does not "
+        "measurably differ on 1; on average +0.24 dB inside the mask, size × 0.50, time × 1.00."
+    )
+    assert verdict.overall(better) is None, "one capture speaks for itself"
+
+
+def test_every_method_is_in_the_headline_and_small_parts_are_told(
+    make_row: Callable[..., Row],
+) -> None:
+    rows = pair(make_row, [0.5] * 6)
+    more = make_row("rover", "nobg", "ours+")
+    for row, gain in ((rows[0], 0.0), (rows[1], 0.5), (more, 1.0)):
+        for view, base in zip(row["per_view"], rows[0]["per_view"], strict=True):
+            view["detail_psnr"] = base["mask_psnr"] - 1 + gain
+            view["mask_psnr"] = base["mask_psnr"] + gain
+    (found,) = verdict.verdicts([*rows, more])
+    assert "Ours gains 0.50 dB" in found.headline
+    assert "; Ours+ gains 1.00 dB inside the mask over 3DGS" in found.headline
+    assert any("Ours+ − 3DGS" in text and "small parts +1.00 dB" in text for text in found.details)
+
+
+def test_without_3dgs_there_is_nothing_to_compare(make_row: Callable[..., Row]) -> None:
+    (found,) = verdict.verdicts([make_row("rover", "nobg", "ours")])
+    assert found.headline == "Rover: nothing to compare."
+
+
+def test_the_page_says_under_what_settings_it_came_about(make_row: Callable[..., Row]) -> None:
+    rows = [make_row("rover", "nobg", "ours", seed) for seed in (1, 0)]
+    assert verdict.facts(rows) == {
+        "Iterations": "1,000",
+        "Longest side": "320 px",
+        "Seeds": "0, 1",
+        "CPU": "A CPU",
+        "Threads per training": "1",
+    }

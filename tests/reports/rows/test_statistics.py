@@ -1,0 +1,78 @@
+"""Intervals against their definitions and against simulation."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from reports.rows import statistics
+
+
+def test_one_seed_is_students_interval_over_views() -> None:
+    values = np.array([0.1, 0.4, -0.2, 0.3, 0.25])
+    found = statistics.crossed(values[:, None])
+    low, high = stats.t.interval(0.95, 4, values.mean(), stats.sem(values))
+    assert (found.low, found.high) == pytest.approx((low, high), rel=1e-12)
+
+
+def test_pairing_cancels_what_views_have_in_common() -> None:
+    rng = np.random.default_rng(0)
+    base = {(f"v{i}", 0): float(rng.normal(25, 5)) for i in range(6)}
+    moved = {key: value - 0.3 for key, value in base.items()}
+    found = statistics.paired(moved, base)
+    assert found is not None
+    assert found.mean == pytest.approx(-0.3)
+    assert found.half == pytest.approx(0, abs=1e-9)
+    assert found.excludes_zero()
+
+
+def test_only_shared_and_complete_views_are_paired() -> None:
+    base = {("a", 0): 1.0, ("a", 1): 1.0, ("b", 0): 1.0, ("c", 0): 1.0, ("c", 1): 1.0}
+    other = {("a", 0): 2.0, ("a", 1): 2.0, ("b", 0): 9.0, ("c", 0): 2.0, ("c", 1): 2.0}
+    found = statistics.paired(other, base)
+    assert found is not None
+    assert (found.mean, found.samples) == (1.0, 4)
+    assert statistics.paired({("x", 0): 1.0}, base) is None
+
+
+def test_one_value_says_nothing_of_spread() -> None:
+    found = statistics.sample([0.5])
+    assert (found.low, found.high) == (-np.inf, np.inf)
+    assert not found.excludes_zero()
+
+
+@pytest.mark.parametrize(("views", "seeds"), [(6, 1), (6, 3), (12, 5)])
+def test_intervals_cover_at_least_as_often_as_they_say(views: int, seeds: int) -> None:
+    rng = np.random.default_rng([views, seeds])
+    trials, hits = 600, 0
+    for _ in range(trials):
+        table = rng.normal(0, 0.1, (views, seeds)) + rng.normal(0, 0.1, (views, 1))
+        if seeds > 1:
+            table += rng.normal(0, 0.05, (1, seeds))
+        interval = statistics.crossed(table, 0.95)
+        hits += interval.low <= 0 <= interval.high
+    assert hits / trials > 0.93
+
+
+def test_a_known_spread_gives_the_normal_interval() -> None:
+    found = statistics.known_spread([0.0, 0.2], 0.1, 0.95)
+    assert found.half == pytest.approx(1.959964 * 0.1 / np.sqrt(2), rel=1e-5)
+
+
+def test_what_strata_differ_by_is_no_noise() -> None:
+    found = statistics.stratified([[1.0, 1.2, 0.8], [5.0, 5.2, 4.8]], 0.95)
+    assert found.mean == pytest.approx(3)
+    assert found.samples == 6
+    assert found.half == pytest.approx(2.776445 * 0.2 / np.sqrt(6), rel=1e-5), "t with 4 freedoms"
+    alone = statistics.stratified([[0.1, 0.3]], 0.95)
+    assert alone.half == pytest.approx(statistics.sample([0.1, 0.3], 0.95).half)
+    assert statistics.stratified([[1.0], [2.0]]).half == np.inf
+
+
+def test_stratified_intervals_cover_as_often_as_they_say() -> None:
+    rng = np.random.default_rng(5)
+    offsets, trials = np.array([-1.0, 0.0, 1.0]), 1000
+    hits = 0
+    for _ in range(trials):
+        found = statistics.stratified(list(rng.normal(0, 0.3, (3, 6)) + offsets[:, None]), 0.95)
+        hits += found.low <= 0 <= found.high
+    assert 0.93 < hits / trials < 0.97

@@ -1,0 +1,98 @@
+"""The five formats say the same, and each is valid in its own language."""
+
+import shutil
+import subprocess
+from collections.abc import Callable
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from reports.tables import formats, paper, side_tables
+from reports.tables.formats import Entry, Group, Line, Table
+
+Row = dict[str, Any]
+
+
+@pytest.fixture
+def table() -> Table:
+    lines = (
+        Line("3DGS", (Entry("25.00", "0.10", True, 25.0, 0.1), Entry("–")), ("a" * 32,)),
+        Line("Ours & <b>", (Entry("24.00", "", False, 24.0), Entry("5", value=5)), (), " (a)"),
+    )
+    groups = (Group("No BG", lines),)
+    return Table("t", "Title_1 % | x", ("PSNR↑", "N"), ("psnr", "n"), groups, ("(a) why?",))
+
+
+class Reader(HTMLParser):
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.words: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        del attrs
+        self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.words.append(data)
+
+
+def test_html_is_balanced_and_escaped(table: Table) -> None:
+    reader = Reader()
+    reader.feed(formats.html(table))
+    assert reader.open == []
+    assert "Ours & <b> (a)" in reader.words
+
+
+def test_markdown_has_as_many_cells_in_every_row(table: Table) -> None:
+    rows = [line for line in formats.markdown(table).splitlines() if line.startswith("|")]
+    assert len({line.replace("\\|", "").count("|") for line in rows}) == 1
+    assert "**25.00 ± 0.10**" in rows[2]
+
+
+def test_latex_escapes_what_it_reads_as_commands(table: Table) -> None:
+    text = formats.latex(table)
+    assert r"\caption{Title\_1 \% | x}" in text
+    assert r"Ours \& <b> (a)" in text
+    assert r"\textbf{25.00 $\pm$ 0.10}" in text
+
+
+def test_every_sign_of_the_real_tables_is_known_to_latex(
+    make_grid: Callable[..., list[Row]],
+) -> None:
+    for table in side_tables.all_tables(make_grid(seeds=2)):
+        assert formats.latex(table).isascii(), table.slug
+
+
+@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="no pdflatex on this machine")
+def test_latex_compiles_and_fits_the_line(
+    make_grid: Callable[..., list[Row]], make_failed: Callable[..., Row], tmp_path: Path
+) -> None:
+    rows = make_grid(captures=("rover", "my_gripper & co"), methods=("3dgs", "ours+"), seeds=2)
+    for row in rows:
+        row["metrics"] |= {"detail_psnr": 20.0, "detail_ssim": 0.7, "train_paper_l1": 0.01}
+    rows[-1] = make_failed("rover", "nobg", "ours", r"C:\x_y #2 — {see} ~/log^2: 5 % ≥ $3")
+    values = tmp_path / "values.toml"
+    cell = 'capture="rover"\nbackground="nobg"\nmethod="ours+"\n'
+    values.write_text(f"[source]\nread_from='p. 5'\n[[value]]\n{cell}psnr=30.0\ntime=800\n")
+    found = side_tables.all_tables(rows, paper.load(values))
+    body = "\n".join(formats.latex(table) for table in found)
+    head = r"\documentclass{article}\usepackage{booktabs,graphicx}"
+    (tmp_path / "t.tex").write_text(head + r"\begin{document}" + body + r"\end{document}")
+    command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "t.tex"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-2000:]
+    assert "Overfull" not in done.stdout
+
+
+def test_plain_marks_the_best_and_keeps_columns_aligned(table: Table) -> None:
+    lines = formats.plain(table).splitlines()
+    assert "25.00±0.10*" in lines[4]
+    assert lines[4].index("25.00") + len("25.00±0.10") == lines[5].index("24.00") + len("24.00")
+    assert "aaaaaaaa" in lines[4]
+    assert "a" * 9 not in lines[4]

@@ -1,0 +1,167 @@
+"""Rows in MLflow: nothing lost, nothing twice, readable back as it was."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mattgs_ops.errors import InputError
+from tasks.registry import runs
+
+PROCESSES, ROWS_EACH = 3, 4
+
+
+def row(seed: int = 0, **changes: Any) -> dict[str, Any]:
+    return {
+        "schema": 1,
+        "benchmark": "small",
+        "capture": "rover",
+        "condition": "nobg-ours",
+        "background": "nobg",
+        "method": "ours",
+        "seed": seed,
+        "iterations": 100,
+        "resolution": 64,
+        "status": "finished",
+        "reason": None,
+        "metrics": {"psnr": 24.5, "ssim": 0.9, "fps": None, "splats": 1200},
+        "per_view": [
+            {"view": "0000.jpg", "split": "test", "psnr": 24.0},
+            {"view": "0008.jpg", "split": "test", "psnr": 25.0, "mask_psnr": 20.0},
+        ],
+        "provenance": {"code_version": "abc", "config_digest": "def", "inputs": {"photos": "1"}},
+    } | changes
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
+    folder = tmp_path_factory.mktemp("mlflow")
+    uri = f"sqlite:///{folder / 'mlflow.db'}"
+    runs.initialise(uri)
+    return uri, folder / "artifacts"
+
+
+def client(uri: str) -> Any:
+    from mlflow.tracking import MlflowClient
+
+    return MlflowClient(tracking_uri=uri)
+
+
+def test_a_row_becomes_a_run_that_says_everything(place: tuple[str, Path], tmp_path: Path) -> None:
+    uri, artifacts = place
+    experiment = runs.open_benchmark(uri, "one", artifacts)
+    (tmp_path / "renders").mkdir()
+    (tmp_path / "renders" / "0000.png").write_bytes(b"png")
+    run_id = runs.record(
+        uri,
+        experiment,
+        row(),
+        parameters={"iterations": 100, "train": {"lr_scale": 5e-3}},
+        curve=[{"step": 10, "loss": 0.5}, {"step": 20, "loss": 0.25}],
+        files=[(tmp_path / "renders", "renders")],
+    )
+    run = client(uri).get_run(run_id)
+    assert run.info.status == "FINISHED"
+    assert run.info.run_name == "rover nobg-ours seed 0"
+    metrics = {"psnr": 24.5, "ssim": 0.9, "splats": 1200.0, "curve_loss": 0.25}
+    assert run.data.metrics == metrics, "a metric that was not measured is left out"
+    assert run.data.params == {"iterations": "100", "train.lr_scale": "0.005"}
+    assert run.data.tags["background"] == "nobg"
+    history = client(uri).get_metric_history(run_id, "curve_loss")
+    assert [(m.step, m.value) for m in history] == [(10, 0.5), (20, 0.25)]
+    files = artifacts / "one" / run_id / "artifacts"
+    assert (files / "renders" / "0000.png").read_bytes() == b"png"
+    table = json.loads((files / "per_view.json").read_text())
+    assert table["columns"] == ["view", "split", "psnr", "mask_psnr"]
+    assert table["data"][0] == ["0000.jpg", "test", 24.0, None]
+
+
+def test_rows_are_read_back_as_they_were(place: tuple[str, Path]) -> None:
+    uri, artifacts = place
+    experiment = runs.open_benchmark(uri, "back", artifacts)
+    ids = [runs.record(uri, experiment, row(seed), parameters={}) for seed in (0, 1)]
+    assert runs.rows(uri, "back") == [
+        row(1) | {"run_id": ids[1]},
+        row(0) | {"run_id": ids[0]},
+    ]
+
+
+def test_a_row_recorded_again_updates_its_run(place: tuple[str, Path]) -> None:
+    uri, artifacts = place
+    experiment = runs.open_benchmark(uri, "again", artifacts)
+    failed = row(status="failed", reason="too few views", metrics={}, per_view=[])
+    first = runs.record(uri, experiment, failed, parameters={"a": 1})
+    assert client(uri).get_run(first).info.status == "FAILED"
+    assert client(uri).get_run(first).data.tags["reason"] == "too few views"
+    second = runs.record(uri, experiment, row(metrics={"fps": 31.0}), parameters={"a": 1})
+    assert second == first
+    assert client(uri).get_run(first).info.status == "FINISHED"
+    assert client(uri).get_run(first).data.metrics == {"fps": 31.0}
+    assert client(uri).get_run(first).data.tags["reason"] == ""
+
+
+def test_a_run_is_closed_with_what_came_last_and_no_more(place: tuple[str, Path]) -> None:
+    uri, artifacts = place
+    experiment = runs.open_benchmark(uri, "closed", artifacts)
+    run_id = runs.record(uri, experiment, row(), parameters={"a": 1}, final=False)
+    recorded = row() | {"run_id": run_id}
+    assert client(uri).get_run(run_id).info.status == "RUNNING"
+    measured = row(metrics=row()["metrics"] | {"fps": 31.0})
+    runs.finish(uri, measured, recorded)
+    run = client(uri).get_run(run_id)
+    assert (run.info.status, run.data.metrics["fps"]) == ("FINISHED", 31.0)
+    assert len(client(uri).get_metric_history(run_id, "psnr")) == 1, "it was logged before"
+    assert runs.rows(uri, "closed") == [measured | {"run_id": run_id}]
+    runs.finish(uri, row(status="failed", reason="speed was not measured"), recorded)
+    run = client(uri).get_run(run_id)
+    assert (run.info.status, run.data.tags["reason"]) == ("FAILED", "speed was not measured")
+
+
+def test_other_code_configuration_or_inputs_are_another_run() -> None:
+    keys = {
+        runs.row_key(row()),
+        runs.row_key(row(1)),
+        runs.row_key(row(iterations=200)),
+        runs.row_key(row(provenance={"code_version": "new"})),
+        runs.row_key(row(provenance=row()["provenance"] | {"inputs": {"photos": "2"}})),
+    }
+    assert len(keys) == 5
+    assert runs.row_key(row(metrics={}, status="failed")) == runs.row_key(row())
+
+
+def test_an_unknown_benchmark_is_refused_with_the_known_ones(place: tuple[str, Path]) -> None:
+    uri, artifacts = place
+    runs.open_benchmark(uri, "known", artifacts)
+    with pytest.raises(InputError, match=r"'unknown'; known: .*known"):
+        runs.rows(uri, "unknown")
+
+
+@pytest.mark.slow
+def test_processes_that_log_at_once_lose_nothing(place: tuple[str, Path], tmp_path: Path) -> None:
+    uri, artifacts = place
+    script = tmp_path / "log_rows.py"
+    script.write_text(
+        "import json, sys\n"
+        "from pathlib import Path\n"
+        "from tasks import registry\n"
+        "uri, artifacts, rows = sys.argv[1], Path(sys.argv[2]), json.loads(sys.argv[3])\n"
+        "experiment = registry.open_benchmark(uri, 'crowd', artifacts)\n"
+        "curve = [{'step': i, 'loss': 1 / (i + 1)} for i in range(200)]\n"
+        "for row in rows:\n"
+        "    registry.record(uri, experiment, row, parameters={'a': 1}, curve=curve)\n"
+    )
+    env = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    processes = []
+    for number in range(PROCESSES):
+        mine = json.dumps([row(number * ROWS_EACH + k) for k in range(ROWS_EACH)])
+        command = [sys.executable, str(script), uri, str(artifacts), mine]
+        processes.append(subprocess.Popen(command, env=env, stderr=subprocess.PIPE, text=True))
+    for process in processes:
+        _, errors = process.communicate()
+        assert process.returncode == 0, errors
+    seeds = sorted(r["seed"] for r in runs.rows(uri, "crowd"))
+    assert seeds == list(range(PROCESSES * ROWS_EACH))

@@ -1,0 +1,141 @@
+"""Stages in processes of their own: whatever happens in there is an ordinary failure here."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mattgs_ops.errors import InputError, StageError
+from tasks.stages.process import CrashError, StageJob, run
+from tasks.stages.status import StatusFile, read
+
+OPERATIONS = """
+import ctypes, os, time
+from pathlib import Path
+from mattgs_ops.errors import InputError, StageError
+
+def good(arguments, out, threads, progress):
+    print("a library talks")
+    for i in range(3):
+        progress(i + 1, 3, f"step {i + 1}")
+    (out / "threads").write_text(f"{threads} {os.environ['OMP_NUM_THREADS']} {arguments['x']}")
+
+def segfault(arguments, out, threads, progress):
+    ctypes.string_at(0)
+
+def killed(arguments, out, threads, progress):
+    os.kill(os.getpid(), 9)
+
+def input_error(arguments, out, threads, progress):
+    raise InputError("photo.jpg: expected a photo")
+
+def bug(arguments, out, threads, progress):
+    raise KeyError("missing")
+
+def leaves(arguments, out, threads, progress):
+    print("no licence for this")
+    os._exit(7)
+
+def endless(arguments, out, threads, progress):
+    (out / "pid").write_text(str(os.getpid()))
+    time.sleep(600)
+"""
+
+
+@pytest.fixture
+def job(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    (tmp_path / "operations_here.py").write_text(OPERATIONS)
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def make(name: str, timeout: float = 60, **arguments: Any) -> StageJob:
+        return StageJob(
+            title=f"try {name}",
+            operation=f"operations_here:{name}",
+            arguments=arguments,
+            out=tmp_path,
+            log=tmp_path / "logs" / "try.log",
+            status=tmp_path / "status" / "try.json",
+            threads=2,
+            timeout=timeout,
+        )
+
+    return make
+
+
+def test_a_stage_gets_its_arguments_and_threads_and_its_output_goes_to_the_log(
+    job: Any, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    work = job("good", x="ü")
+    StatusFile(work.status).begin("try good", "try")
+    run(work)
+    assert (tmp_path / "threads").read_text() == "2 2 ü"
+    assert "a library talks" in work.log.read_text()
+    assert capfd.readouterr() == ("", "")
+    status = read(work.status)
+    assert status is not None
+    assert (status.done, status.total, status.note) == (3, 3, "step 3")
+
+
+@pytest.mark.parametrize(
+    ("name", "error", "says"),
+    [
+        ("segfault", CrashError, "SIGSEGV"),
+        ("killed", CrashError, "out of memory"),
+        ("bug", StageError, "KeyError: 'missing'"),
+        ("leaves", StageError, "code 7: .*no licence for this"),
+        ("input_error", InputError, "^photo.jpg: expected a photo$"),
+    ],
+)
+def test_whatever_ends_a_stage_is_an_error_with_its_reason(
+    job: Any, name: str, error: type[Exception], says: str
+) -> None:
+    with pytest.raises(error, match=says):
+        run(job(name))
+
+
+def test_a_failure_is_not_taken_for_the_next_attempts(job: Any) -> None:
+    with pytest.raises(InputError):
+        run(job("input_error"))
+    run(job("good", x=1))
+
+
+def test_a_stage_that_takes_too_long_is_ended(job: Any, tmp_path: Path) -> None:
+    with pytest.raises(StageError, match="longer than 2 s"):
+        run(job("endless", timeout=2))
+    assert not alive(int((tmp_path / "pid").read_text()))
+
+
+def test_a_stage_dies_with_the_process_that_started_it(job: Any, tmp_path: Path) -> None:
+    work = job("endless")
+    work.save(tmp_path / "job.json")
+    code = (
+        "import sys; from pathlib import Path; from tasks.stages.process import StageJob, run; "
+        f"run(StageJob.load(Path({str(tmp_path / 'job.json')!r})))"
+    )
+    env = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    parent = subprocess.Popen([sys.executable, "-c", code], env=env)
+    pid_file = tmp_path / "pid"
+    wait_for(lambda: pid_file.is_file() and pid_file.read_text() != "")
+    os.kill(parent.pid, signal.SIGKILL)
+    parent.wait()
+    wait_for(lambda: not alive(int(pid_file.read_text())))
+
+
+def alive(pid: int) -> bool:
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0]
+    except FileNotFoundError:
+        return False
+    return state != "Z"
+
+
+def wait_for(happened: Any, seconds: float = 60) -> None:
+    end = time.monotonic() + seconds
+    while not happened():
+        assert time.monotonic() < end, "did not happen in time"
+        time.sleep(0.02)

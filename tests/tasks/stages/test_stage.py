@@ -1,0 +1,165 @@
+"""Stages and the store: done once, done whole, and gone on with after a kill."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from mattgs_ops.config import BenchmarkConfig, RunConfig
+from mattgs_ops.errors import StageError
+from mattgs_ops.method import MethodConfig
+from tasks.evaluate import evaluate
+from tasks.measure import measure
+from tasks.registry.live_curves import read_curve
+from tasks.row import Outcome
+from tasks.stages.stage import Artifact, Cell, Place
+from tasks.stages.status import read_all
+from tasks.train import train
+
+CELL = Cell("ball", "nobg-ours", 0)
+PutScene = Callable[[Place], Artifact]
+
+TRAIN = """
+import sys
+from pathlib import Path
+from mattgs_ops.config import BenchmarkConfig, RunConfig
+from tasks.stages.stage import Artifact, Cell, Place
+from tasks.train import train
+out, key, digest, config, run = sys.argv[1:]
+scene = Artifact("sfm", key, digest, 1.0, True)
+made = train(
+    Place(Path(out), "small", RunConfig.model_validate_json(run)),
+    Cell("ball", "nobg-ours", 0),
+    scene,
+    BenchmarkConfig.model_validate_json(config),
+)
+print(made.cached)
+"""
+
+
+def start_training(place: Place, scene: Artifact, config: BenchmarkConfig) -> subprocess.Popen[str]:
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    arguments = [str(place.out), scene.key, scene.digest, config.model_dump_json()]
+    arguments.append(place.run.model_dump_json())
+    command = [sys.executable, "-c", TRAIN, *arguments]
+    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True)
+
+
+def states(place: Place) -> dict[str, str]:
+    return {status.title: status.state for status in read_all(place.status)}
+
+
+def test_an_experiment_is_trained_scored_measured_and_never_again(
+    place: Place, config: BenchmarkConfig, put_scene: PutScene
+) -> None:
+    scene = put_scene(place)
+    for again in (False, True):
+        splats = train(place, CELL, scene, config)
+        scores = evaluate(place, CELL, scene, splats, config)
+        outcome = Outcome(CELL, {"sfm": scene, "train": splats, "evaluate": scores})
+        speeds = measure(place, "ball", [outcome], config)
+        assert (splats.cached, scores.cached) == (again, again)
+    assert set(states(place).values()) <= {"done", "cached"}
+    assert speeds[CELL]["fps"] > 0
+    evaluation = json.loads((place.folder(scores) / "evaluation.json").read_text())
+    assert evaluation["metrics"].keys() >= {"psnr", "ssim", "l1", "loss", "size_mb", "mask_psnr"}
+    machine = place.extra(splats)["machine"]
+    assert machine["threads"] == 1
+    assert machine["versions"]["torch"].startswith("2.13")
+
+
+def test_parameters_and_inputs_make_another_result_but_the_place_of_work_does_not(
+    place: Place, config: BenchmarkConfig, put_scene: PutScene, tmp_path: Path
+) -> None:
+    scene = put_scene(place)
+    short = config.model_copy(update={"iterations": 2})
+    first = train(place, CELL, scene, short)
+    moved = Place(tmp_path / "out", "other name", RunConfig(threads=2))
+    assert train(moved, CELL, scene, short).cached
+    others = [
+        train(place, replace(CELL, seed=1), scene, short),
+        train(place, replace(CELL, condition="nobg-3dgs"), scene, short),
+        train(place, CELL, replace(scene, digest="0" * 64), short),
+        train(place, CELL, scene, config.model_copy(update={"iterations": 3})),
+    ]
+    assert not any(other.cached for other in others)
+    assert len({a.key for a in [first, *others]}) == 5
+
+
+def test_a_failed_stage_says_why_and_leaves_nothing_in_the_store(
+    place: Place, config: BenchmarkConfig, put_scene: PutScene
+) -> None:
+    scene = put_scene(place)
+    (place.folder(scene) / "points.npz").unlink()
+    with pytest.raises(StageError, match=r"points\.npz"):
+        train(place, CELL, scene, config)
+    assert states(place) == {"train ball nobg-ours seed 0": "failed"}
+    assert not list(place.store.glob("train/*"))
+
+
+def test_a_training_that_diverges_says_at_which_step(
+    place: Place, config: BenchmarkConfig, put_scene: PutScene
+) -> None:
+    wild = MethodConfig(weighting="residual", weight=1e39)  # infinite as a 32-bit number
+    diverging = config.model_copy(update={"methods": {"wild": wild}})
+    with pytest.raises(StageError, match=r"step 1, view .*: the loss is nan"):
+        train(place, Cell("ball", "nobg-wild", 0), put_scene(place), diverging)
+    assert not list(place.store.glob("train/*"))
+
+
+@pytest.mark.slow
+def test_a_killed_training_goes_on_here_or_elsewhere_and_ends_in_the_same_bits(
+    config: BenchmarkConfig, put_scene: PutScene, tmp_path: Path
+) -> None:
+    settings = config.train.model_copy(update={"checkpoint_every": 50})
+    long = config.model_copy(update={"iterations": 1500, "train": settings})
+    shared = RunConfig(store=f"file://{tmp_path}/shared", checkpoint_copy_every=0.05)
+    here, elsewhere = (Place(tmp_path / name, "small", shared) for name in ("here", "elsewhere"))
+    scene = put_scene(here)
+    flow = start_training(here, scene, long)
+    wait_for(lambda: bool(list((tmp_path / "shared").glob("drafts/train/*/manifest.json"))))
+    flow.send_signal(signal.SIGKILL)
+    flow.communicate()
+    assert states(here) == {"train ball nobg-ours seed 0": "interrupted"}
+
+    alone = RunConfig()  # nothing shared: what lies in the folders is all there is
+    straight = Place(tmp_path / "straight", "small", alone)
+    put_scene(elsewhere), put_scene(straight)
+    copied = elsewhere.folder(train(elsewhere, CELL, scene, long))
+    resumed = here.folder(train(replace(here, run=alone), CELL, scene, long))
+    whole = straight.folder(train(straight, CELL, scene, long))
+    assert [resumed_from(folder) >= 50 for folder in (copied, resumed, whole)] == [1, 1, 0]
+    for name in ("splats.ply", "start.npz"):
+        kept = (whole / name).read_bytes()
+        assert (copied / name).read_bytes() == (resumed / name).read_bytes() == kept
+    steps = [[p["step"] for p in read_curve(f / "curve.csv")] for f in (copied, resumed, whole)]
+    assert steps[0] == steps[1] == steps[2]
+    assert not list((tmp_path / "shared").glob("drafts/train/*")), "drafts go when all is done"
+
+
+def resumed_from(folder: Path) -> int:
+    return int(json.loads((folder / "training.json").read_text())["resumed_from"])
+
+
+@pytest.mark.slow
+def test_two_flows_never_do_the_same_stage_at_once(
+    place: Place, config: BenchmarkConfig, put_scene: PutScene
+) -> None:
+    scene = put_scene(place)
+    flows = [start_training(place, scene, config) for _ in range(2)]
+    told = sorted(flow.communicate()[0].strip() for flow in flows)
+    assert told == ["False", "True"]
+
+
+def wait_for(happened: Callable[[], bool], seconds: float = 120) -> None:
+    end = time.monotonic() + seconds
+    while not happened():
+        assert time.monotonic() < end, "did not happen in time"
+        time.sleep(0.02)

@@ -1,0 +1,48 @@
+"""Status files: what a stage does, and what is learnt of stages that ran where nobody sees."""
+
+from pathlib import Path
+
+from tasks.stages.status import StatusFile, read, read_all
+
+
+def test_a_stage_is_followed_from_start_to_end(tmp_path: Path) -> None:
+    file = StatusFile(tmp_path / "train.json")
+    assert read(file.path) is None
+    file.begin("train a", "train")
+    file.progress(3, 10, "24 dB")
+    running = read(file.path)
+    assert running is not None
+    assert (running.state, running.done, running.total, running.note) == ("running", 3, 10, "24 dB")
+    file.end("done")
+    (ended,) = read_all(tmp_path)
+    assert (ended.state, ended.done, ended.note) == ("done", 10, "")
+
+
+def test_what_was_there_before_can_be_put_back(tmp_path: Path) -> None:
+    file = StatusFile(tmp_path / "train.json")
+    file.begin("train a", "train")
+    file.end("done")
+    before = read(file.path)
+    assert before is not None
+    file.begin("train a", "train")
+    file.restore(before)
+    assert read(file.path) == before
+
+
+def test_only_what_is_not_seen_here_is_learnt(tmp_path: Path) -> None:
+    here, elsewhere = StatusFile(tmp_path / "here.json"), StatusFile(tmp_path / "there.json")
+    here.begin("sfm a", "sfm")
+    here.learn("sfm a", "sfm", "failed", 0.0, "lost")
+    elsewhere.learn("train a", "train", "done", 12.5)
+    states = {status.title: status.state for status in read_all(tmp_path)}
+    assert states == {"sfm a": "running", "train a": "done"}
+    learnt = read(elsewhere.path)
+    assert learnt is not None
+    assert round(learnt.seconds, 1) == 12.5
+
+
+def test_a_stage_whose_file_was_taken_away_ends_now_and_took_no_time(tmp_path: Path) -> None:
+    StatusFile(tmp_path / "train.json").end("done")
+    found = read(tmp_path / "train.json")
+    assert found is not None
+    assert (found.state, found.seconds) == ("done", 0)

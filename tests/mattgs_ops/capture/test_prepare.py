@@ -238,7 +238,7 @@ def test_bundled_captures_know_the_small_structures_of_test_views(tmp_path: Path
 def test_bundled_captures_hold_the_truth(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_transforms(tmp_path / "bundled" / "rover")
     write_masks(tmp_path / "bundled" / "rover" / "masks", disc())
-    monkeypatch.setattr(prepare, "BUNDLED_FOLDER", tmp_path / "bundled")
+    monkeypatch.setattr("mattgs_ops.capture.prepare.BUNDLED_FOLDER", tmp_path / "bundled")
     capture = prepare(CaptureConfig(name="rover"), tmp_path / "out", test_every=8)
     assert (capture.masks_are, capture.cameras_are) == ("truth", "truth")
     with pytest.raises(InputError, match="bundled capture is missing"):

@@ -16,6 +16,12 @@ def paper_notes(values: PaperValues) -> list[str]:
     return [read, *(f"Lines marked (paper): {text}" for text in values.differences)]
 
 
+def length_notes(values: PaperValues) -> list[str]:
+    """Say why a report of other lengths of training prints none of the paper's lines."""
+    steps = values.source["iterations"]
+    return [f"The paper's values are of {steps:,} iterations: tables of that length print them."]
+
+
 def protocol_notes(mine: Sequence[Cell]) -> list[str]:
     """Say what was scored against what, over how many seeds, and which lines lack some."""
     rows = finished_of(mine)

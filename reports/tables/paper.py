@@ -15,11 +15,19 @@ _IDENTITY = ("capture", "background", "method")
 
 @dataclass(frozen=True)
 class PaperValues:
-    """``values`` by (capture, background, method); empty where nobody has read them."""
+    """``values`` by (capture, background, method), as of ``source``."""
 
     source: dict[str, Any]
     differences: tuple[str, ...]
     values: dict[tuple[str, str, str], dict[str, float]]
+
+    def belong_to(self, iterations: int) -> bool:
+        """Return whether they may stand in a table of so many iterations.
+
+        A file that states ``source.iterations`` speaks of trainings of that length alone.
+        """
+        stated = self.source.get("iterations")
+        return bool(self.values) and stated in (None, iterations)
 
     def line(self, capture: str, background: str, method: str) -> dict[str, float] | None:
         """Return the paper's line of a table, or None where it has none."""
@@ -37,6 +45,11 @@ def load(path: Path = FILE) -> PaperValues:
     if entries and not source.get("read_from"):
         raise InputError(
             f"{path}: values need `source.read_from`: which version and page they were read from"
+        )
+    stated = source.get("iterations")
+    if stated is not None and (isinstance(stated, bool) or not isinstance(stated, int)):
+        raise InputError(
+            f"{path}: `source.iterations`: expected a whole number of steps, found {stated!r}"
         )
     values: dict[tuple[str, str, str], dict[str, float]] = {}
     for entry in entries:

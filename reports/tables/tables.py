@@ -27,14 +27,11 @@ from reports.rows.schema import (
 )
 from reports.tables import formats, paper
 from reports.tables.formats import Entry, Group, Line, Table
-from reports.tables.notes import paper_notes, protocol_notes, where_timed
+from reports.tables.notes import length_notes, paper_notes, protocol_notes, where_timed
 from reports.tables.origins import Origin, machine_of, measured_on, shared_machine
 
 HOLE = Entry("–")
 SPEEDS = ("time", "rate")  # kinds of columns that depend on the machine
-UNVERIFIED = (
-    "The paper's own values are not printed beside ours: none could be checked against the paper."
-)
 PROMOTED = " ★"  # on lines that hold a promoted run
 MARKS = "abcdefghijklmnopqrstuvwxyz"
 
@@ -54,20 +51,21 @@ def capture_tables(rows: Sequence[Row], values: paper.PaperValues | None = None)
     out = []
     for number, ((capture, iterations, resolution), mine) in enumerate(settings.items(), start=1):
         title = f"{capture_name(capture)}: {iterations:,} iterations, longest side {resolution} px"
-        groups, holes, quoted = _paper_groups(mine, values)
+        beside = values if values.belong_to(iterations) else None
+        groups, holes, quoted = _paper_groups(mine, beside)
         notes = [*holes, *protocol_notes(mine)]
         if quoted:
             notes += paper_notes(values)
         slug = f"table-{number}-{_slug(capture)}"
         table = make_table(slug, title, columns.PAPER, groups, notes)
         out.append(replace(table, number=columns.roman(number)))
-    if out and not values.values:
-        out[-1] = replace(out[-1], notes=(*out[-1].notes, UNVERIFIED))
+    if out and values.values and not any(values.belong_to(key[1]) for key in settings):
+        out[-1] = replace(out[-1], notes=(*out[-1].notes, *length_notes(values)))
     return out
 
 
 def _paper_groups(
-    mine: Sequence[Cell], values: paper.PaperValues
+    mine: Sequence[Cell], values: paper.PaperValues | None
 ) -> tuple[list[Group], list[str], bool]:
     holes: list[str] = []
     groups = []
@@ -78,7 +76,11 @@ def _paper_groups(
         lines = []
         for cell, line in zip(members, ours, strict=True):
             lines.append(line)
-            theirs = values.line(cell.key.capture, background, cell.key.method)
+            theirs = (
+                None
+                if values is None
+                else values.line(cell.key.capture, background, cell.key.method)
+            )
             if theirs is not None:
                 lines += [_quoted_line(cell.key, theirs), _difference_line(cell.key, line, theirs)]
                 quoted = True

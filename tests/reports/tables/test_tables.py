@@ -143,11 +143,24 @@ def test_notes_state_the_protocol(make_grid: Callable[..., list[Row]]) -> None:
     assert "do not compare with Original" in notes
 
 
-def test_the_papers_values_stand_beside_ours_only_where_somebody_read_them(
+def test_the_papers_values_stand_in_tables_of_the_papers_length_alone(
+    make_grid: Callable[..., list[Row]],
+) -> None:
+    rows = make_grid(captures=("rover",))
+    (short,) = tables.capture_tables(rows)
+    assert "(paper)" not in formats.plain(short)
+    assert "The paper's values are of 30,000 iterations" in short.notes[-1]
+    (table,) = tables.capture_tables([row | {"iterations": 30_000} for row in rows])
+    # read off Table I by hand, not from the file
+    assert line_of(table, "Original", "3DGS (paper)").entries[1].value == 25.616
+    assert line_of(table, "No BG", "Ours (paper)").entries[4].value == 56.980
+    assert any("cannot be on the scale of its own PSNR" in note for note in table.notes)
+
+
+def test_values_of_another_file_take_the_place_of_those_that_come_along(
     make_grid: Callable[..., list[Row]], tmp_path: Path
 ) -> None:
     rows = make_grid(captures=("rover",))
-    assert "(paper)" not in tables.terminal(rows)
     path = tmp_path / "values.toml"
     value = '[[value]]\ncapture="rover"\nbackground="nobg"\nmethod="ours"\npsnr=99.0\n'
     path.write_text(value + '[source]\nread_from="v1, page 5"\n[[difference]]\ntext="Others."\n')
@@ -199,9 +212,18 @@ def test_values_without_a_source_are_refused(tmp_path: Path) -> None:
         paper.load(path)
 
 
-def test_no_value_of_the_paper_is_shipped_without_a_source() -> None:
+def test_the_length_of_training_is_a_number_of_steps(tmp_path: Path) -> None:
+    path = tmp_path / "values.toml"
+    path.write_text('[source]\nread_from="p"\niterations="many"\n')
+    with pytest.raises(InputError, match=r"source.iterations.*found 'many'"):
+        paper.load(path)
+
+
+def test_all_twelve_lines_of_the_paper_are_shipped_with_their_source() -> None:
     loaded = paper.load()
-    assert not loaded.values or loaded.source["read_from"]
+    assert len(loaded.values) == 12
+    assert loaded.source["read_from"]
+    assert loaded.source["iterations"] == 30_000
 
 
 def test_side_tables_cover_masks_inputs_cost_and_runs(make_grid: Callable[..., list[Row]]) -> None:

@@ -19,7 +19,7 @@ from mattgs_ops.sfm import reconstruct
 from mattgs_ops.splat.training.train import train
 from mattgs_ops.store import provenance
 from mattgs_ops.store.digests import json_digest
-from tasks.row import Row, config_digest
+from tasks.row import Row, config_digest, masks_digest, split_digest
 from tasks.stages.capture_files import capture_digest
 from tasks.stages.stage import Cell, code_versions
 
@@ -101,6 +101,11 @@ def evaluated(
         "registration": dict(scene.extra),
         "masks": {"mean_iou": masks.mean_iou, "source": masks.source},
         "provenance": _provenance(config, cell, capture),
+        "digests": {
+            "segment": masks_digest(scene.folder / "masks"),
+            "split": split_digest({view.name: view.split for view in scene.views}),
+            **{name: found["digests"][name] for name in ("truth", "masks")},
+        },
         "artifacts": {},
     }
 

@@ -25,7 +25,8 @@ from mattgs_ops.config import BenchmarkConfig, load_toml
 from mattgs_ops.segment.mask_report import MaskReport
 from mattgs_ops.splat import _engine
 from reports.gate import baseline, speed
-from reports.gate.self_check import caught_by_size, lose_quality, lose_speed, self_check, told
+from reports.gate.planted import lose_quality, lose_speed
+from reports.gate.self_check import caught_by_size, self_check, told
 from reports.rows.schema import Row, read_rows
 
 COMPARISONS = 400

@@ -1,21 +1,31 @@
 """Compare a recorded benchmark with a baseline, and make baselines of recorded benchmarks."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from mattgs_ops.errors import InputError
 from reports.gate import baseline, output, pictures
 from reports.gate.baseline import Baseline
 from reports.gate.compare import compare
+from reports.gate.findings import Exit
+from reports.gate.planted import sensitivity
 from reports.gate.tolerances import Doubt
 from reports.rows.schema import Row, read_rows
 
 
 def judge(
-    out: Path, benchmark: str, against: str, *, doubt: Doubt = Doubt.MARGIN
+    out: Path,
+    benchmark: str,
+    against: str,
+    *,
+    doubt: Doubt = Doubt.MARGIN,
+    must_see: bool = False,
 ) -> tuple[str, int]:
     """Return what to print and what to exit with.
 
+    With ``must_see`` a gate that does not name every loss planted into its own baseline cannot
+    judge.
     Writes ``gate.md``, ``.xml`` and ``.json``, and pictures of the views that lost most.
     ``against`` is a baseline's path, the name of a committed one, or an alias in the registry.
     Raises :class:`InputError` naming the file that cannot be used.
@@ -23,6 +33,10 @@ def judge(
     known = find_baseline(out, benchmark, against)
     rows = recorded(out, benchmark)
     report = compare(rows, known.rows, noise=known.noise, doubt=doubt)
+    seen = sensitivity(known.rows, known.noise)
+    blind = must_see and not seen.sees and report.exit_code == Exit.PASS
+    code = Exit.CANNOT_JUDGE if blind else report.exit_code
+    report = replace(report, planted=seen, exit_code=code)
     folder = out / "benchmarks" / benchmark / "gate"
     for old in folder.glob("gate-*.png"):
         old.unlink()

@@ -113,6 +113,9 @@ class TrainConfig(Frozen):
     checkpoint_every: int = Field(1000, ge=0, description="0: never")
 
 
+NO_RESULT = ("checkpoint_every",)  # of TrainConfig: when to save never changes what comes out
+
+
 class Condition(Frozen):
     """Background × method, written ``nobg-ours``."""
 

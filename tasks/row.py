@@ -6,11 +6,15 @@ A row holds numbers and references only; everything in it is read from the stage
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from mattgs_ops.config import BenchmarkConfig, Condition
-from mattgs_ops.store.digests import file_digest, json_digest
+import numpy as np
+from PIL import Image
+
+from mattgs_ops.config import NO_RESULT, BenchmarkConfig, Condition
+from mattgs_ops.store.digests import file_digest, json_digest, pixels_digest
 from tasks.stages.stage import Artifact, Cell, Place, code_versions
 
 SCHEMA, PROTOCOL = 1, 1  # as in reports/rows/schema.py, which a test compares
@@ -82,6 +86,7 @@ def make_row(
         "registration": None,
         "masks": None,
         "provenance": _provenance(place, config, outcome),
+        "digests": _digests(place, artifacts),
         "artifacts": _references(place, artifacts),
         "seconds": {name: round(a.seconds, 3) for name, a in artifacts.items()},
         "run_id": None,
@@ -93,6 +98,39 @@ def make_row(
     if outcome.reason is None:
         row |= _scores(place, artifacts, speed)
     return row
+
+
+def _digests(place: Place, artifacts: Mapping[str, Artifact]) -> dict[str, str]:
+    """Return digests of what scores hang on, and of each stage that may have changed it.
+
+    Of masks the pixels count: a stage's own digest holds its seconds too.
+    """
+    found = {}
+    if "prepare" in artifacts:
+        found["prepare"] = artifacts["prepare"].digest
+    for stage, masks in (("segment", "masks"), ("agree", "masks")):
+        if stage in artifacts:
+            found[stage] = masks_digest(place.folder(artifacts[stage]) / masks)
+    if "sfm" in artifacts:
+        views = _read(place.folder(scene_of(artifacts)) / "scene.json")["views"]
+        found["split"] = split_digest({view["name"]: view["split"] for view in views})
+    if "evaluate" in artifacts:
+        evaluation = _read(place.folder(artifacts["evaluate"]) / "evaluation.json")
+        found |= {name: evaluation["digests"][name] for name in ("truth", "masks")}
+    return found
+
+
+@lru_cache(maxsize=64)
+def masks_digest(folder: Path) -> str:
+    """Return the digest of the masks in a finished stage's folder, by their pixels."""
+    return pixels_digest(
+        (path.name, np.asarray(Image.open(path))) for path in sorted(folder.glob("*.png"))
+    )
+
+
+def split_digest(views: Mapping[str, str]) -> str:
+    """Return the digest of which views are held out; ``views`` maps names to splits."""
+    return json_digest(dict(views))
 
 
 def scene_of(artifacts: Mapping[str, Artifact]) -> Artifact:
@@ -142,6 +180,9 @@ def config_digest(config: BenchmarkConfig, cell: Cell) -> str:
     changed = config.model_dump(
         mode="json", include={"test_every", "segment", "sfm", "train"}, exclude_defaults=True
     )
+    for name in NO_RESULT:
+        changed.get("train", {}).pop(name, None)
+    changed = {name: value for name, value in changed.items() if value != {}}
     if "model" in changed.get("segment", {}):
         changed["segment"]["model"] = asked["segment"]["model"]
     own = config.methods.get(asked["method"])

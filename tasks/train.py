@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from mattgs_ops.config import BenchmarkConfig, Condition, TrainConfig
+from mattgs_ops.config import NO_RESULT, BenchmarkConfig, Condition, TrainConfig
 from mattgs_ops.method import MethodConfig
 from mattgs_ops.progress import Progress
 from tasks.stages.stage import Artifact, Cell, Place, Stage, perform
@@ -28,8 +28,7 @@ def train(place: Place, cell: Cell, scene: Artifact, config: BenchmarkConfig) ->
         "resolution": config.resolution,
         "seed": cell.seed,
     }
-    unimportant = {"checkpoint_every"}  # when to save never changes what comes out
-    kept = config.train.model_dump(mode="json", exclude=unimportant)
+    kept = config.train.model_dump(mode="json", exclude=set(NO_RESULT))
     stage = Stage(
         name="train",
         title=training_title(cell),

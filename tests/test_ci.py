@@ -1,5 +1,7 @@
 """What CI runs exists: the script's commands, the workflow's structure, the options they use."""
 
+import itertools
+import os
 import re
 import shlex
 import subprocess
@@ -13,6 +15,7 @@ from typer.testing import CliRunner
 from flows.cli.app import app
 
 ROOT = Path(__file__).resolve().parents[1]
+SCRIPT = ROOT / ".ci" / "run"
 WORKFLOWS = sorted((ROOT / ".github" / "workflows").glob("*.yml"))
 
 
@@ -51,25 +54,61 @@ def test_there_is_a_workflow() -> None:
     assert [path.name for path in WORKFLOWS] == ["gate.yml"]
 
 
-@pytest.mark.parametrize("path", [ROOT / ".ci" / "run", *WORKFLOWS], ids=lambda path: path.name)
-def test_the_gate_is_called_with_options_that_it_has(path: Path) -> None:
-    if path.suffix == ".yml":
-        (line,) = [command for command in commands(path) if "mattgs gate" in command]
-    else:
-        text = path.read_text(encoding="utf-8").replace("\\\n", " ")
-        (line,) = [row for row in text.splitlines() if "mattgs gate" in row]
-    words = shlex.split(line.partition("||")[0])
-    known = CliRunner().invoke(app, ["gate", "--help"], terminal_width=200).output
-    for word in words:
+def lines(command: str) -> list[list[str]]:
+    """Return the words of each call of a command of ``mattgs`` in the script."""
+    text = SCRIPT.read_text(encoding="utf-8").replace("\\\n", " ")
+    found = [line for line in text.splitlines() if f".venv/bin/mattgs {command}" in line]
+    return [shlex.split(line.partition("||")[0]) for line in found]
+
+
+@pytest.mark.parametrize("command", ["run", "gate"])
+def test_the_script_calls_commands_with_options_that_they_have(command: str) -> None:
+    known = CliRunner().invoke(app, [command, "--help"], terminal_width=200).output
+    called = lines(command)
+    assert called
+    for word in itertools.chain(*called):
         if word.startswith("--"):
             assert f"{word} " in known, word
-    config = words[words.index("--config") + 1]
-    assert (ROOT / config).is_file()
-    name = words[words.index("--baseline") + 1]
-    assert (ROOT / "reports" / "baselines" / f"{name}.json").is_file()
+
+
+def test_the_gate_that_decides_is_of_the_committed_benchmark_and_must_see() -> None:
+    text = SCRIPT.read_text(encoding="utf-8")
+    decides = lines("gate")[-1]
+    assert shlex.split(text.rstrip().splitlines()[-1]) == decides, "it is the script's last command"
+    name = decides[decides.index("--baseline") + 1]
+    assert (ROOT / "reports" / "gate" / "baselines" / f"{name}.json").is_file()
+    assert f"config=benchmarks/{name}.toml" in text
+    assert f"baseline=reports/gate/baselines/{name}.json" in text
+    assert "--must-see" in decides
+
+
+def test_the_workflow_runs_the_script_and_nothing_else_of_the_project() -> None:
+    for path in WORKFLOWS:
+        own = [command for command in commands(path) if "GITHUB_STEP_SUMMARY" not in command]
+        assert own == [".ci/run"]
+
+
+@pytest.mark.parametrize("code", [0, 1, 2, 3])
+@pytest.mark.parametrize("benchmark", [0, 2, 3])
+def test_the_script_ends_as_the_gate_does(tmp_path: Path, code: int, benchmark: int) -> None:
+    """With stand-ins for the commands: what is tried is what the script makes of their codes."""
+    script = tmp_path / ".ci" / "run"
+    for path, text in (
+        (script, SCRIPT.read_text(encoding="utf-8")),
+        (
+            tmp_path / ".venv/bin/mattgs",
+            f"#!/bin/sh\n[ $1 = gate ] && exit {code}; exit {benchmark}",
+        ),
+        (tmp_path / "bin" / "make", "#!/bin/sh\nexit 0"),
+    ):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+        path.chmod(0o755)
+    paths = f"{tmp_path / 'bin'}:{os.environ['PATH']}"
+    done = subprocess.run([script], env=os.environ | {"PATH": paths}, check=False, timeout=60)
+    assert done.returncode == code
 
 
 def test_the_script_is_a_program_that_bash_can_read() -> None:
-    script = ROOT / ".ci" / "run"
-    assert script.stat().st_mode & 0o111
-    subprocess.run(["bash", "-n", script], check=True, timeout=60)
+    assert SCRIPT.stat().st_mode & 0o111
+    subprocess.run(["bash", "-n", SCRIPT], check=True, timeout=60)

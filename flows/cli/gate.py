@@ -1,5 +1,6 @@
 """``mattgs gate`` and ``mattgs baseline``. Registered by ``cli.py``; light at the top like it."""
 
+import traceback
 from pathlib import Path
 from typing import Annotated
 
@@ -54,6 +55,13 @@ def gate(
             "beyond their margin, or none."
         ),
     ] = Doubt.MARGIN,
+    must_see: Annotated[
+        bool,
+        typer.Option(
+            "--must-see",
+            help="Cannot judge (2) unless each loss planted into the baseline's rows is named.",
+        ),
+    ] = False,
     out: Out = DEFAULT_OUT,
 ) -> None:
     """Compare a benchmark with a baseline; for CI.
@@ -71,17 +79,33 @@ def gate(
     elif against is None:
         raise InputError("--baseline: expected a file, a name or an alias (or --self-check)")
     else:
-        from flows import gate as judge
-        from reports.gate.findings import Exit
-
-        try:
-            name = _named(benchmark, config, out)
-        except StageError as error:  # nothing ran, so nothing can be judged: 1 is for regressions
-            typer.echo(f"mattgs: {error}", err=True)
-            raise typer.Exit(Exit.CANNOT_JUDGE) from error
-        text, code = judge.judge(out.resolve(), name, against, doubt=doubt)
+        text, code = _judged(against, benchmark, config, out, doubt=doubt, must_see=must_see)
     typer.echo(text)
     raise typer.Exit(code)
+
+
+def _judged(
+    against: str,
+    benchmark: str | None,
+    config: Path | None,
+    out: Path,
+    *,
+    doubt: Doubt,
+    must_see: bool,
+) -> tuple[str, int]:
+    """Run the benchmark where asked, and judge it; whatever breaks on the way judged nothing."""
+    from flows import gate as judge
+    from reports.gate.findings import Exit
+
+    try:
+        name = _named(benchmark, config, out)
+        return judge.judge(out.resolve(), name, against, doubt=doubt, must_see=must_see)
+    except InputError:
+        raise
+    except StageError as error:
+        return f"mattgs: {error}", Exit.CANNOT_JUDGE
+    except Exception:  # Python would end with 1, which is the code of a regression
+        return f"mattgs: the gate itself broke\n{traceback.format_exc()}", Exit.CANNOT_JUDGE
 
 
 def baseline(

@@ -31,7 +31,7 @@ from mattgs_ops.splat.attention import paper_attention
 from mattgs_ops.splat.files.ply import read_ply
 from mattgs_ops.splat.photos import WHITE, Colour, load_view, size_at
 from mattgs_ops.splat.render import render_view, time_views
-from mattgs_ops.store.digests import file_digest, folder_digest
+from mattgs_ops.store.digests import file_digest, folder_digest, pixels_digest
 from mattgs_ops.timing import calibration
 
 SCHEMA = 1
@@ -159,7 +159,8 @@ def score(
     The result holds ``metrics`` (means over views by id, training views as ``train_…``; absent
     where no view has the metric), ``per_view`` (a list of objects with ``view``, ``split`` and the
     image metrics), ``missing`` (test views that could not be rendered), ``counts`` of what went
-    into each mean, and digests of what was scored. ``ssim_lambda`` is λ of the loss. Raises
+    into each mean, and digests of what was scored, truth and masks by their pixels on held-out
+    views. ``ssim_lambda`` is λ of the loss. Raises
     :class:`InputError` for files that are missing or do not fit each other.
     """
     rendered = RenderedViews.load(folder)
@@ -197,8 +198,8 @@ def score(
         "missing": list(rendered.missing),
         "digests": {
             "renders": folder_digest(folder / "renders"),
-            "truth": folder_digest(folder / "truth"),
             "splats": rendered.splats_sha256,
+            **_what_decides(folder, rendered),
         },
     }
     _write_json(folder / EVALUATION_FILE, evaluation)
@@ -247,6 +248,15 @@ def measure_speed(
         "calibration": pairs.fastest(),
         "fps_calibrated": float(1 / by_view.mean()),
         "fps_noise": MEDIAN_ERROR * deviation / float(np.sqrt(len(pairs))),
+    }
+
+
+def _what_decides(folder: Path, rendered: RenderedViews) -> dict[str, str]:
+    """Return digests of the pixels that the scores of held-out views hang on: truth and masks."""
+    shown = [view for view in rendered.views if view.split == "test"]
+    return {
+        "truth": pixels_digest((v.name, _read(folder, "truth", v, "RGB")) for v in shown),
+        "masks": pixels_digest((v.name, _read(folder, "masks", v, "L")) for v in shown if v.masked),
     }
 
 

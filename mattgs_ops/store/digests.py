@@ -5,9 +5,12 @@ Two folders have the same digest when they hold the same relative names with the
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from mattgs_ops.errors import InputError
 
@@ -43,6 +46,20 @@ def folder_digest(folder: Path) -> str:
 def tree_digest(files: Mapping[str, str]) -> str:
     """Return the digest of a tree given as relative name → SHA-256 of the content."""
     return json_digest(dict(files))
+
+
+def pixels_digest(images: Iterable[tuple[str, NDArray[np.generic]]]) -> str:
+    """Return the digest of named images: of their sizes and values, not of how files store them.
+
+    The order in which they come does not count.
+    """
+    found = {
+        name: hashlib.sha256(
+            f"{pixels.dtype.str} {pixels.shape}".encode() + np.ascontiguousarray(pixels).tobytes()
+        ).hexdigest()
+        for name, pixels in images
+    }
+    return json_digest(found)
 
 
 def json_digest(value: Any) -> str:

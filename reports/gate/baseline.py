@@ -109,7 +109,7 @@ def measured_noise(runs: Sequence[Sequence[Row]]) -> dict[str, float]:
     squares: dict[str, list[float]] = {}
     for one, other in combinations(runs, 2):
         for number in collected(one, other)[1]:
-            if number.tolerance.kind not in ("exact", "speed"):
+            if number.tolerance.kind != "speed":
                 squares.setdefault(number.tolerance.metric, []).append(change_of(number) ** 2)
     if not squares:
         raise InputError("noise: expected at least two comparable runs of the same benchmark")

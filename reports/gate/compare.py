@@ -4,8 +4,8 @@ Each number of each cell gets one of seven verdicts. For a change with interval 
 (positive is better) and a margin m: ``better`` when low > m, ``worse`` when high < -m, ``same``
 when the whole interval lies within ±m, else ``inconclusive``: not enough was measured to say.
 ``not comparable``: a number is missing or not finite, or the rows were made from other inputs,
-another configuration or protocol. ``newly failing`` and ``fixed`` are about experiments that
-failed, now or before.
+another configuration or protocol, or scored against another truth. ``newly failing`` and ``fixed``
+are about experiments that failed, now or before.
 
 Every number is judged in each cell, and again over all cells: a loss that is everywhere but small
 shows only there. Confidences are set in ``tolerances.py`` so that unchanged code raises an alarm in
@@ -31,6 +31,9 @@ from reports.rows import comparable
 from reports.rows.schema import Cell, CellKey, Row, cells, order, refused
 from reports.rows.statistics import Interval
 
+SCORES = {t.metric for t in TOLERANCES if t.kind == "difference"}
+CONCLUSIVE = {Verdict.BETTER, Verdict.SAME}  # and worse, which has a code of its own
+
 
 def compare(
     candidate: Sequence[Row],
@@ -41,15 +44,13 @@ def compare(
 ) -> GateReport:
     """Judge ``candidate`` against ``baseline``.
 
-    ``noise`` replaces the tolerances' own noise by metric. ``doubt`` says which inconclusive
-    numbers make the whole one that cannot be judged. Speeds that were measured on another machine
-    are not compared, which is told once for each and excused.
+    ``noise`` is a baseline's, by metric, measured between machines; it counts for cells that were
+    made on unlike machines, and for no others. ``doubt`` says which inconclusive numbers make the
+    whole one that cannot be judged. Speeds that were measured on another machine are not compared,
+    which is told once for each and excused.
     """
     known = noise or {}
-    table = [
-        replace(t, noise=known[t.metric], measured=True) if t.metric in known else t
-        for t in TOLERANCES
-    ]
+    table = [replace(t, between=known.get(t.metric)) for t in TOLERANCES]
     findings, judged = collected(candidate, baseline, table)
     findings += _judge(judged, table)
     ranked = tuple(sorted(findings, key=_rank))
@@ -85,6 +86,10 @@ def _of_cell(
     pairs, blocked = _paired_rows(ours, theirs)
     if blocked:
         return [Finding(name, "run", "rows", Verdict.NOT_COMPARABLE, "; ".join(blocked))], []
+    unlike = list(dict.fromkeys(text for pair in pairs for text in comparable.other_truth(*pair)))
+    if unlike:  # how good the masks are, and how many poses were found, can still be told
+        findings.append(Finding(name, "run", "truth", Verdict.NOT_COMPARABLE, "; ".join(unlike)))
+        table = [tolerance for tolerance in table if tolerance.upstream]
     for tolerance in table if pairs else ():
         moved = _moved(tolerance, pairs)
         if moved:
@@ -115,8 +120,10 @@ def exit_code(findings: Sequence[Finding], doubt: Doubt = Doubt.MARGIN) -> int:
     if Verdict.NEWLY_FAILING in verdicts:
         return Exit.FAILED_RUNS
     unlike = [f for f in findings if f.verdict == Verdict.NOT_COMPARABLE]
-    if not findings or any(doubt == Doubt.ALL or not finding.excused for finding in unlike):
+    if any(doubt == Doubt.ALL or not finding.excused for finding in unlike):
         return Exit.CANNOT_JUDGE
+    if not any(f.metric in SCORES and f.verdict in CONCLUSIVE for f in findings):
+        return Exit.CANNOT_JUDGE  # nothing was judged
     doubtful = [f for f in findings if f.verdict == Verdict.INCONCLUSIVE]
     if doubt == Doubt.ALL and doubtful:
         return Exit.CANNOT_JUDGE
@@ -177,7 +184,8 @@ def _judge(judged: Sequence[Judged], table: Sequence[Tolerance]) -> list[Finding
     by_aspect: dict[str, int] = {}
     for number in judged:
         aspect = number.tolerance.aspect
-        by_aspect[aspect] = by_aspect.get(aspect, 0) + (number.tolerance.kind != "exact")
+        exact = number.tolerance.kind == "exact" and number.noise == 0
+        by_aspect[aspect] = by_aspect.get(aspect, 0) + (not exact)
     for tolerance in table:
         mine = [n for n in judged if n.tolerance.metric == tolerance.metric]
         among = spread_among(mine)

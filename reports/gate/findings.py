@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from enum import StrEnum
+from math import isfinite
 
 from reports.rows.statistics import Interval
 
@@ -56,11 +57,47 @@ class Finding:
 
 
 @dataclass(frozen=True)
+class Sensitivity:
+    """Which planted losses were named; ``alarms``: what was called worse with nothing planted."""
+
+    named: tuple[str, ...]
+    missed: tuple[str, ...]
+    alarms: tuple[str, ...]
+
+    @property
+    def sees(self) -> bool:
+        """Whether every loss was named, and nothing else."""
+        return not self.missed and not self.alarms
+
+    def __str__(self) -> str:
+        total = len(self.named) + len(self.missed)
+        parts = [f"Planted into the baseline's own rows: {len(self.named)} of {total} losses named"]
+        parts += [f"not named: {', '.join(self.missed)}"] if self.missed else []
+        parts += [f"called worse without a loss: {', '.join(self.alarms)}"] if self.alarms else []
+        return "; ".join(parts) + "."
+
+
+@dataclass(frozen=True)
 class GateReport:
-    """All findings, the worst first, and what the process should exit with."""
+    """All findings, the worst first, and what the process should exit with.
+
+    ``planted`` is what the gate saw of losses planted into its baseline, where that was tried.
+    """
 
     findings: tuple[Finding, ...]
     exit_code: int
+    planted: Sensitivity | None = None
+
+    def smallest_named(self) -> dict[str, float]:
+        """Return, by metric, the smallest loss in all cells that would have been called worse.
+
+        A difference in the metric's unit, or a share; of metrics that were judged over all cells.
+        """
+        return {
+            f.metric: f.margin + f.change.half
+            for f in self.findings
+            if f.cell == ALL_CELLS and f.change is not None and isfinite(f.change.half)
+        }
 
     def count(self, verdict: Verdict) -> int:
         """How many findings have a verdict."""

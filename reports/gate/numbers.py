@@ -26,6 +26,8 @@ class Judged:
     pairs: Mapping[tuple[str, int], tuple[float, float]]  # (view, seed): (before, after)
     before: float
     after: float
+    noise: float  # standard deviation of one run's value, see ``tolerances.py``
+    known: bool = False  # measured between machines, so that no spread need stand in for it
     errors: Mapping[int, float] = field(default_factory=dict)  # seed: stated error of its change
 
 
@@ -48,16 +50,37 @@ def collect(
             ours, theirs = ({k: v[k] for k in sorted(both)} for v in (ours, theirs))
         if not ours and not theirs and not tolerance.required:
             return None, ""
-        problem = _unusable(ours, theirs)
+        problem = _unusable(tolerance, ours, theirs)
         if problem:
             return None, problem
         values |= {(name, seed): (theirs[name], ours[name]) for name in ours}
     before_mean = fmean(pair[0] for pair in values.values())
     after_mean = fmean(pair[1] for pair in values.values())
-    return Judged(key, tolerance, values, before_mean, after_mean, errors), ""
+    moved = any(speed.rounds_otherwise(*pair) for pair in pairs)
+    noise = _noise(tolerance, [before for _, before in pairs], moved=moved)
+    known = moved and tolerance.between is not None
+    return Judged(key, tolerance, values, before_mean, after_mean, noise, known, errors), ""
 
 
-def _unusable(ours: Mapping[str, float], theirs: Mapping[str, float]) -> str:
+def _noise(tolerance: Tolerance, baseline: Sequence[Row], *, moved: bool) -> float:
+    """Return the standard deviation of one run's value: of this machine, or between machines.
+
+    Where nobody measured how many views other machines register, each view counts as a draw with
+    the baseline's share (one more success and one more failure: Laplace's rule of succession).
+    """
+    if not moved:
+        return tolerance.noise
+    if tolerance.between is not None:
+        return tolerance.between
+    if tolerance.metric != "registered":
+        return tolerance.noise
+    found = [row.get("registration") or {} for row in baseline]
+    views = fmean(float(one.get("views") or one["registered"]) for one in found)
+    share = (fmean(float(one["registered"]) for one in found) + 1) / (views + 2)
+    return math.sqrt(views * share * max(0.0, 1 - share))
+
+
+def _unusable(tolerance: Tolerance, ours: Mapping[str, float], theirs: Mapping[str, float]) -> str:
     if not ours or not theirs:
         where = "candidate" if not ours else "baseline"
         return f"missing in the {where}" if ours or theirs else "missing in both"
@@ -65,6 +88,11 @@ def _unusable(ours: Mapping[str, float], theirs: Mapping[str, float]) -> str:
         return f"measured on other views: {', '.join(sorted(ours.keys() ^ theirs.keys())[:4])}"
     if not all(map(math.isfinite, [*ours.values(), *theirs.values()])):
         return "a value is not finite"
+    if tolerance.kind in ("ratio", "speed"):
+        for side, found in (("candidate", ours), ("baseline", theirs)):
+            low = min(found.values())
+            if low <= 0:
+                return f"the {side} has {low:g}: expected more than 0"
     return ""
 
 
@@ -106,11 +134,12 @@ def interval_of(number: Judged, level: float, among: float = 0.0, cells: int = 0
     changes = changes_of(number)
     tolerance = number.tolerance
     per_seed = by_seed(number)
+    seeds = len(per_seed)
+    stated = number.noise * math.sqrt(2 / seeds)
     if tolerance.kind == "exact":
         mean = fmean(changes.values())
-        return Interval(mean, mean, mean, len(changes))
-    seeds = len(per_seed)
-    stated = tolerance.noise * math.sqrt(2 / seeds)
+        half = statistics.quantile(math.inf, level) * stated
+        return Interval(mean, mean - half, mean + half, len(changes))
     measured = math.sqrt(sum(error**2 for _, error in per_seed.values())) / seeds
     run = max(
         statistics.quantile(math.inf, level) * math.hypot(stated, measured),
@@ -130,12 +159,14 @@ def interval_of(number: Judged, level: float, among: float = 0.0, cells: int = 0
 def spread_among(numbers: Sequence[Judged]) -> float:
     """Return the standard deviation of one metric's changes among cells, 0 for fewer than four.
 
-    It stands in for a noise that nobody measured; where a baseline brings its own, that counts.
+    It stands in for a noise that nobody measured; where the noise between machines is known, that
+    counts.
     From the median absolute deviation, so that one cell that really changed does not hide itself.
     A change that all cells, all of a method, a background or a capture share is no spread either:
     of these explanations the one that leaves least counts.
     """
-    if len(numbers) < SPREAD_LEAST or numbers[0].tolerance.measured:
+    numbers = [number for number in numbers if not number.known]
+    if len(numbers) < SPREAD_LEAST:
         return 0.0
     means = [change_of(number) for number in numbers]
     explained = (
@@ -191,7 +222,8 @@ def interval_of_all(numbers: Sequence[Judged], level: float) -> Interval:
     tolerance = numbers[0].tolerance
     normal = statistics.quantile(math.inf, level)
     runs = [change for number in numbers for change, _ in by_seed(number).values()]
-    stated = normal * tolerance.noise * math.sqrt(2 / len(runs))
+    squares = sum(2 * number.noise**2 * len(by_seed(number)) for number in numbers)
+    stated = normal * math.sqrt(squares) / len(runs)
     if tolerance.kind == "difference":
         found = statistics.stratified(_by_view(numbers), level)
         among = spread_among(numbers)

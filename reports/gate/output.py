@@ -5,6 +5,7 @@ The JSON follows ``gate_schema.json``. Changes read "positive is better" everywh
 
 import json
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -12,7 +13,14 @@ from xml.etree import ElementTree
 from reports.gate import tolerances
 from reports.gate.findings import ALL_CELLS, Exit, Finding, GateReport, Verdict
 
-SCHEMA = 2
+SCHEMA = 3
+IN_WORDS = {
+    "psnr": "PSNR",
+    "mask_psnr": "PSNR in mask",
+    "size_mb": "size",
+    "time": "time",
+    "fps": "FPS",
+}
 MEANING = {
     Exit.PASS: "pass",
     Exit.REGRESSION: "regression",
@@ -38,10 +46,10 @@ def write(
 
 def terminal(report: GateReport) -> str:
     """Verdict first, then what is not "same", the worst first; at most 100 columns wide."""
-    lines = [f"Gate: {MEANING[report.exit_code]}. {counts(report)}", ""]
+    lines = [f"Gate: {MEANING[report.exit_code]}. {counts(report)}", *sight(report), ""]
     shown = telling(report)
     if not shown:
-        return "\n".join([lines[0], ""])
+        return "\n".join(lines)
     rows = [["Verdict", "Cell", "Metric", "Before", "After", "Change", "Interval"]]
     rows += [_cells(finding) for finding in shown[:MOST_LINES]]
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
@@ -56,6 +64,7 @@ def terminal(report: GateReport) -> str:
 def markdown(report: GateReport, pictures: Sequence[tuple[str, str]] = ()) -> str:
     """For a CI job's summary; ``pictures`` are (caption, link) of the view that changed most."""
     lines = [f"## Gate: {MEANING[report.exit_code]}", "", counts(report), ""]
+    lines += [text for line in sight(report) for text in (line, "")]
     shown = telling(report)
     if shown:
         lines += [
@@ -128,6 +137,8 @@ def to_json(report: GateReport) -> str:
         "outcome": MEANING[report.exit_code],
         "counts": {str(verdict): report.count(verdict) for verdict in Verdict},
         "findings": [_document(finding) for finding in report.findings],
+        "smallest_named": report.smallest_named(),
+        "planted": None if report.planted is None else asdict(report.planted),
     }
     return json.dumps(document, indent=1, sort_keys=True, allow_nan=False) + "\n"
 
@@ -178,6 +189,18 @@ def counts(report: GateReport) -> str:
     """How many findings have each verdict, in words."""
     found = [(report.count(verdict), str(verdict)) for verdict in Verdict]
     return ", ".join(f"{number} {name}" for number, name in found if number) + "."
+
+
+def sight(report: GateReport) -> list[str]:
+    """Say how small a loss this gate would have named, in lines."""
+    known = report.smallest_named()
+    parts = []
+    for metric, called in IN_WORDS.items():
+        if metric in known:
+            unit = f"{known[metric]:.1%}" if metric in RATIOS else f"{known[metric]:.2f} dB"
+            parts.append(f"{called} {unit}")
+    lines = [f"A loss in all cells would be named from: {', '.join(parts)}."] if parts else []
+    return lines + ([str(report.planted)] if report.planted is not None else [])
 
 
 def sentence(finding: Finding) -> str:

@@ -8,7 +8,6 @@ comparisons with a loss planted into the candidate show what the gate catches.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from copy import deepcopy
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,14 +15,10 @@ import numpy as np
 from mattgs_ops.errors import InputError
 from reports.gate.compare import compare
 from reports.gate.findings import Exit, GateReport, Verdict
-from reports.gate.speed import RATES
+from reports.gate.planted import EVERYWHERE, GROWTH, SLOWDOWN, grow, lose_quality, lose_speed
 from reports.rows.schema import Row, key_of, refused
 
-DECIBELS = 0.3
-SLOWDOWN = 0.10
-GROWTH = 0.10
 LEAST = 200  # comparisons from which a rate of 1 % is worth stating
-SPEED_METRICS = ("time", "fps")
 FALSE_MOST, CAUGHT_LEAST = 0.01, 0.95
 Experiments = dict[object, Row]
 
@@ -52,7 +47,7 @@ class SelfCheck:
 def told(found: SelfCheck) -> str:
     """Return the outcome as a Markdown table with a sentence on top."""
     verdict = "may" if found.trusted else "may not"
-    plants = f"{DECIBELS} dB caught | {SLOWDOWN:.0%} slower caught | {GROWTH:.0%} larger caught"
+    plants = f"{EVERYWHERE} dB caught | {SLOWDOWN:.0%} slower caught | {GROWTH:.0%} larger caught"
     shares = (
         found.false_alarms,
         found.doubts,
@@ -171,39 +166,3 @@ def _worse(aspect: str | None) -> Callable[[GateReport], bool]:
         )
 
     return alarmed
-
-
-def lose_quality(row: Row, decibels: float = DECIBELS) -> Row:
-    """Plant a loss into every held-out view's PSNR, full frame and in mask."""
-    views = [
-        view
-        | {
-            name: view[name] - decibels
-            for name in ("psnr", "mask_psnr")
-            if view.get(name) is not None
-        }
-        for view in row["per_view"]
-    ]
-    return row | {"per_view": views}
-
-
-def lose_speed(row: Row, share: float = SLOWDOWN) -> Row:
-    """Make training and rendering slower, the calibration workload as fast as before."""
-    out = deepcopy(row)
-    for metric in SPEED_METRICS:
-        factor = 1 / (1 + share) if metric in RATES else 1 + share
-        for name in (metric, f"{metric}_calibrated"):
-            if out["metrics"].get(name) is not None:
-                out["metrics"][name] *= factor
-        for repeat in (out.get("repeats") or {}).get(metric, []):
-            repeat["value"] *= factor
-    return out
-
-
-def grow(row: Row, share: float = GROWTH) -> Row:
-    """Make the PLY larger, and the number of splats with it."""
-    metrics = dict(row["metrics"])
-    for metric in ("size_mb", "splats"):
-        if metrics.get(metric) is not None:
-            metrics[metric] *= 1 + share
-    return row | {"metrics": metrics}

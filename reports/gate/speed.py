@@ -17,6 +17,7 @@ from reports.rows.schema import Row
 
 RATES = {"fps"}  # per second: a slower machine has less; all others are seconds: it has more
 MACHINE = ("cpu", "cpu_kind", "cores", "threads", "workload")  # of the provenance
+ROUNDING = ("cpu", "cpu_kind")  # of it, what decides how numbers are rounded
 
 
 def calibrated(row: Row, metric: str) -> dict[str, float]:
@@ -54,6 +55,12 @@ def other_machine(candidate: Row, baseline: Row) -> str:
     unlike = [name for name in MACHINE if ours.get(name) != theirs.get(name)]
     told = (f"{name}: baseline {theirs.get(name)}, candidate {ours.get(name)}" for name in unlike)
     return f"another machine ({'; '.join(told)})" if unlike else ""
+
+
+def rounds_otherwise(candidate: Row, baseline: Row) -> bool:
+    """Whether two rows come from processors that may round differently; unknown ones may."""
+    ours, theirs = (row.get("provenance") or {} for row in (candidate, baseline))
+    return not ours.get("cpu") or any(ours.get(name) != theirs.get(name) for name in ROUNDING)
 
 
 def _workload(row: Row, metric: str) -> Any:

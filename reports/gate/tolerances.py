@@ -3,8 +3,9 @@
 Margins are the smallest changes that somebody should look at; a verdict needs the whole interval
 beyond its margin. ``noise`` is the standard deviation, between two runs of the same code and seed,
 of one cell's number (its mean over views; for ratios its logarithm), where the rows themselves
-cannot show it: one run is one sample. A baseline may bring its own, measured. ``common`` is the
-part that all cells of a run share, which no number of cells averages out.
+cannot show it: one run is one sample. ``between`` is the same between two machines, whose
+processors round differently; a baseline may bring it, measured, and it is used between machines
+only. ``common`` is the part that all cells of a run share, which no number of cells averages out.
 
 The chance of a false alarm is bounded for a whole gate run, not per number: ``ALARM`` is shared out
 among families, and within a family evenly among its numbers (Bonferroni).
@@ -44,8 +45,9 @@ class Tolerance:
     """How one metric is judged.
 
     ``kind``: ``difference`` is paired by view and seed, margins in the metric's unit; ``ratio`` is
-    relative, margins as a share; ``exact`` knows no margin; ``speed`` is a ratio of values divided
-    by the calibration workload of their own process.
+    relative, margins as a share; ``exact`` is one number of the whole row that one machine finds
+    again to the bit; ``speed`` is a ratio of values divided by the calibration workload of their
+    own process.
     """
 
     metric: str
@@ -56,7 +58,8 @@ class Tolerance:
     noise: float = 0.0
     common: float = 0.0  # standard deviation of what all cells of a run share, likewise
     required: bool = True
-    measured: bool = False  # the noise is a baseline's own
+    between: float | None = None  # None: nobody measured it
+    upstream: bool = False  # says how good masks or poses are, whatever is scored with them
 
 
 TOLERANCES: tuple[Tolerance, ...] = (
@@ -69,8 +72,8 @@ TOLERANCES: tuple[Tolerance, ...] = (
     Tolerance("paper_l1", "quality", -1, "difference", 0.0005, 0.0001, required=False),
     Tolerance("detail_psnr", "quality", +1, "difference", 0.15, 0.03, required=False),
     Tolerance("detail_ssim", "quality", +1, "difference", 0.005, 0.001, required=False),
-    Tolerance("registered", "quality", +1, "exact", 0.0),
-    Tolerance("mean_iou", "quality", +1, "exact", 0.005, required=False),
+    Tolerance("registered", "quality", +1, "exact", 0.0, upstream=True),
+    Tolerance("mean_iou", "quality", +1, "exact", 0.005, required=False, upstream=True),
     Tolerance("time", "cost", -1, "speed", 0.02, 0.02, 0.01),
     Tolerance("fps", "cost", +1, "speed", 0.02, 0.02, 0.01),
     Tolerance("size_mb", "size", -1, "ratio", 0.05, 0.005),

@@ -1,4 +1,9 @@
-"""Whether two rows may be compared at all, and if not, why. Never "same" by default."""
+"""Whether two rows may be compared at all, and if not, why. Never "same" by default.
+
+:func:`reasons` are about what was asked for, :func:`other_truth` about what scores are measured
+against: the held-out views, their truth and their masks, compared by digest. Masks that stages of
+the line make are outcomes, not inputs: a change of code moves them, and with them every score.
+"""
 
 from collections.abc import Mapping
 from typing import Any
@@ -6,6 +11,14 @@ from typing import Any
 from reports.rows.schema import FIRST_PROTOCOL, Row, row_problems
 
 Provenance = Mapping[str, Any]
+# What scores hang on → how it is called; a row's ``digests`` hold them
+DECISIVE = {"split": "the split", "masks": "the masks", "truth": "the truth"}
+# Stages that may have changed it, the first whose own digest differs did; else the last one
+CAUSES = {
+    "split": ("prepare",),
+    "masks": ("segment", "agree", "evaluate"),
+    "truth": ("prepare", "segment", "agree", "evaluate"),
+}
 
 
 def reasons(candidate: Row, baseline: Row) -> list[str]:
@@ -23,6 +36,24 @@ def reasons(candidate: Row, baseline: Row) -> list[str]:
             found.append(f"{name}: baseline {_short(other)}, candidate {_short(mine)}")
     found += _inputs(ours, theirs)
     found += _views(candidate, baseline)
+    return found
+
+
+def other_truth(candidate: Row, baseline: Row) -> list[str]:
+    """Return what the scores of two rows are measured against and differs, with the stage."""
+    ours, theirs = candidate.get("digests") or {}, baseline.get("digests") or {}
+    found = []
+    for name, called in DECISIVE.items():
+        mine, other = ours.get(name), theirs.get(name)
+        if mine is None or other is None:
+            where = "candidate" if mine is None else "baseline"
+            found.append(f"{called}: the {where} does not state its digest")
+        elif mine != other:
+            stages = CAUSES[name]
+            changed = (s for s in stages if ours.get(s) != theirs.get(s))
+            stage = next(changed, stages[-1])
+            values = f"baseline {_short(other)}, candidate {_short(mine)}"
+            found.append(f"{called} changed in the stage {stage}: {values}")
     return found
 
 

@@ -83,6 +83,7 @@ def cell_row(capture: str, background: str, method: str, seed: int = 0, **more: 
             "inputs": {"capture": "d1"},
             "outputs": {},
         },
+        "digests": dict.fromkeys(("prepare", "segment", "agree", "split", "truth", "masks"), "d1"),
         "artifacts": {},
         "seconds": {"prepare": 1.0, "segment": 20.0, "sfm": 65.0, "train": 42.0, "evaluate": 3.0},
         "run_id": f"{capture[:4]}{background[:2]}{method}{seed}".ljust(32, "0"),

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from mattgs_ops.config import BenchmarkConfig
+from mattgs_ops.config import NO_RESULT, BenchmarkConfig
 from mattgs_ops.method import METHODS, MethodConfig
 from tasks.row import config_digest, settings
 from tasks.stages.stage import Cell
@@ -22,6 +22,12 @@ def test_saying_a_default_changes_nothing() -> None:
     said = default.model_dump(mode="json")
     assert digest(**said) == digest()
     assert digest(run={"workers": 7, "threads": 3}) == digest()
+
+
+@pytest.mark.parametrize("name", NO_RESULT)
+def test_what_changes_no_result_is_no_other_configuration(name: str) -> None:
+    assert digest(train={name: 50}) == digest()
+    assert digest(train={name: 50, "lr_opacity": 0.05}) == digest(train={"lr_opacity": 0.05})
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import torch
@@ -155,6 +156,31 @@ def test_what_is_stored_is_what_is_scored(scene: Scene, ply: Path, tmp_path: Pat
     assert after["digests"]["renders"] != before["digests"]["renders"]
     assert after["digests"]["truth"] == before["digests"]["truth"]
     assert json.loads((out / "evaluation.json").read_text()) == after
+
+
+def decisive(scene: Scene, ply: Path, condition: Condition, out: Path) -> dict[str, str]:
+    render_views(scene, ply, condition, WIDTH, out)
+    digests = score(out)["digests"]
+    return {name: digests[name] for name in ("truth", "masks")}
+
+
+def test_masks_and_truth_have_digests_of_their_pixels(
+    scene: Scene, ply: Path, tmp_path: Path
+) -> None:
+    """Masks two pixels larger show, in the cut-out's truth too; another compression does not."""
+    views = scene.registered("test")
+    before = [decisive(scene, ply, c, tmp_path / f"{c} 1") for c in (ORIGINAL, NOBG)]
+    for view in scene.views:
+        Image.fromarray(stored(view.photo)).save(view.photo, compress_level=1)
+    assert [decisive(scene, ply, c, tmp_path / f"{c} 2") for c in (ORIGINAL, NOBG)] == before
+    for view in views:
+        assert view.mask is not None
+        mask = cv2.dilate(stored(view.mask), np.ones((5, 5), np.uint8))
+        Image.fromarray(mask).save(view.mask)
+    after = [decisive(scene, ply, c, tmp_path / f"{c} 3") for c in (ORIGINAL, NOBG)]
+    assert after[0]["truth"] == before[0]["truth"]
+    assert after[0]["masks"] != before[0]["masks"]
+    assert after[1]["truth"] != before[1]["truth"]
 
 
 def test_means_are_means_of_the_views_values(scene: Scene, tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ import hashlib
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from mattgs_ops.errors import InputError
@@ -12,6 +13,7 @@ from mattgs_ops.store.digests import (
     folder_digest,
     json_digest,
     list_files,
+    pixels_digest,
     tree_digest,
 )
 
@@ -74,3 +76,11 @@ def test_json_digests_ignore_order_and_refuse_what_json_cannot_hold() -> None:
         json_digest({"a": Path("x")})
     with pytest.raises(ValueError, match="not JSON compliant"):
         json_digest({"a": float("nan")})
+
+
+def test_pixels_count_whatever_order_they_come_in() -> None:
+    one, two = np.zeros((2, 3), np.uint8), np.ones((2, 3), np.uint8)
+    digest = pixels_digest([("a", one), ("b", two)])
+    assert digest == pixels_digest([("b", two), ("a", one.copy(order="F"))])
+    assert digest != pixels_digest([("a", two), ("b", one)])
+    assert digest != pixels_digest([("a", one.T), ("b", two)])

@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 
 from mattgs_ops.errors import InputError
-from reports.gate import output, pictures, self_check, speed
+from reports.gate import output, pictures, planted, self_check, speed
 from reports.gate.compare import compare, verdict_of
 from reports.gate.findings import ALL_CELLS, Exit, Finding, GateReport, Verdict
 from reports.gate.tolerances import Doubt
@@ -157,21 +157,21 @@ def test_a_dropped_capture_is_newly_failing(old: Rows) -> None:
 
 
 def test_a_sleep_in_the_rasteriser_is_named_on_speed(old: Rows) -> None:
-    report = compare([self_check.lose_speed(row) for row in jittered(old)], old)
+    report = compare([planted.lose_speed(row) for row in jittered(old)], old)
     worse = found(report, Verdict.WORSE)
     assert {(ALL_CELLS, "time"), (ALL_CELLS, "fps")} <= worse
     assert {metric for _, metric in worse} == {"time", "fps"}
 
 
 def test_twice_the_splats_are_named_on_size(old: Rows) -> None:
-    report = compare([self_check.grow(row, 1.0) for row in jittered(old)], old)
+    report = compare([planted.grow(row, 1.0) for row in jittered(old)], old)
     assert {m for _, m in found(report, Verdict.WORSE)} == {"size_mb", "splats"}
     assert len(found(report, Verdict.WORSE)) == 2 * 13
 
 
 def test_ten_percent_in_one_cell_are_found_there(old: Rows) -> None:
     rows = jittered(old)
-    rows[5] = self_check.grow(rows[5])
+    rows[5] = planted.grow(rows[5])
     worse = found(compare(rows, old), Verdict.WORSE)
     assert {metric for _, metric in worse} == {"size_mb", "splats"}
     assert len(worse) == 2
@@ -331,7 +331,7 @@ def test_one_disturbed_lap_is_no_slower_training(old: Rows) -> None:
     for row in after:
         row["repeats"]["time"][3]["value"] *= 4
     assert (ALL_CELLS, "time") in found(compare(after, before), Verdict.SAME)
-    slower = [self_check.lose_speed(row) for row in after]
+    slower = [planted.lose_speed(row) for row in after]
     assert (ALL_CELLS, "time") in found(compare(slower, before), Verdict.WORSE)
 
 
@@ -387,17 +387,17 @@ def test_people_read_the_worst_first(old: Rows) -> None:
     assert report.findings[0].worst_view == "0016.jpg"
     text = output.terminal(report)
     assert text.startswith("Gate: regression.")
-    assert "rover/nobg-ours" in text.splitlines()[3]
+    assert "rover/nobg-ours" in text.splitlines()[4]
     assert max(map(len, text.splitlines())) <= 110
     summary = output.markdown(report, [("View 0016.jpg", "worst.png")])
     assert "**worse**" in summary
     assert "![View 0016.jpg](worst.png)" in summary
 
 
-def test_a_quiet_gate_says_one_line(old: Rows) -> None:
-    text = output.terminal(compare(old, old))
-    assert text.startswith("Gate: pass.")
-    assert len(text.splitlines()) == 1
+def test_a_quiet_gate_says_how_well_it_sees_and_no_more(old: Rows) -> None:
+    first, second = output.terminal(compare(old, old)).splitlines()
+    assert first.startswith("Gate: pass.")
+    assert second.startswith("A loss in all cells would be named from: PSNR 0.10 dB, ")
 
 
 def test_the_self_check_trusts_the_gate_on_quiet_rows(old: Rows) -> None:

@@ -1,0 +1,162 @@
+"""Losses planted into a baseline's own rows, so that a gate that has become blind is noticed.
+
+Every run of the gate is shown the baseline against itself with each loss of :func:`plants`, and
+must name it; without a loss it must call nothing worse. Losses are uneven, as real ones are: views
+lose different amounts, around the mean that is stated.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from reports.gate.compare import compare
+from reports.gate.findings import GateReport, Sensitivity, Verdict
+from reports.gate.speed import RATES
+from reports.rows.schema import Row, held_out_views
+
+EVERYWHERE, IN_ONE_METHOD = 0.3, 0.5  # dB
+GROWTH = SLOWDOWN = 0.10
+# Standard deviation over mean of what single views lose
+UNEVEN = 0.5
+SPEED_METRICS = ("time", "fps")
+OTHER = "another"  # digest of what nobody has seen
+
+Rows = Sequence[Row]
+
+
+@dataclass(frozen=True)
+class Plant:
+    """One loss: what it is called, how it changes rows, and whether a report names it."""
+
+    name: str
+    change: Callable[[Rows], list[Row]]
+    named: Callable[[GateReport], bool]
+
+
+def sensitivity(baseline: Rows, noise: Mapping[str, float] | None = None) -> Sensitivity:
+    """Judge a baseline's rows against themselves, once as they are and once with each loss."""
+    quiet = compare(baseline, baseline, noise=noise)
+    alarms = [f"{f.cell} {f.metric}" for f in quiet.findings if f.verdict == Verdict.WORSE]
+    seen: dict[bool, list[str]] = {True: [], False: []}
+    for plant in plants(baseline):
+        report = compare(plant.change(baseline), baseline, noise=noise)
+        seen[plant.named(report)].append(plant.name)
+    return Sensitivity(tuple(seen[True]), tuple(seen[False]), tuple(alarms))
+
+
+def plants(baseline: Rows) -> list[Plant]:
+    """Return the losses that the gate is shown, among them one for each method of the rows."""
+    finished = [row for row in baseline if row["status"] == "finished"]
+    methods = list(dict.fromkeys(row["method"] for row in finished))
+    found = [Plant(f"{EVERYWHERE} dB everywhere", _each(lose_quality), partial(_worse, "psnr"))]
+    for method in methods if len(methods) > 1 else ():
+        lose = partial(lose_quality, decibels=IN_ONE_METHOD)
+        name = f"{IN_ONE_METHOD} dB in {method}"
+        found.append(Plant(name, _each(lose, method), partial(_worse, "psnr", method=method)))
+    return [
+        *found,
+        Plant(f"{GROWTH:.0%} larger files", _each(grow), partial(_worse, "size_mb")),
+        Plant(f"{SLOWDOWN:.0%} slower training", _each(lose_speed), partial(_worse, "time")),
+        Plant(f"{SLOWDOWN:.0%} slower rendering", _each(lose_speed), partial(_worse, "fps")),
+        Plant("a view leaked into training", _each(leak), partial(_unlike, "were trained on")),
+        Plant("masks 2 px larger", _each(other_masks), partial(_unlike, "the masks changed")),
+        Plant("another truth", _each(other_truth), partial(_unlike, "the truth changed")),
+    ]
+
+
+def _each(change: Callable[[Row], Row], method: str | None = None) -> Callable[[Rows], list[Row]]:
+    """Apply a change to every finished row, or to those of one method."""
+
+    def changed(rows: Rows) -> list[Row]:
+        return [
+            change(row) if row["status"] == "finished" and method in (None, row["method"]) else row
+            for row in rows
+        ]
+
+    return changed
+
+
+def _worse(metric: str, report: GateReport, *, method: str | None = None) -> bool:
+    """Whether a metric is called worse; with ``method`` in a cell of it, or over all cells."""
+    return any(
+        f.metric == metric
+        and f.verdict == Verdict.WORSE
+        and (method is None or f"-{method}@" in f.cell or "@" not in f.cell)
+        for f in report.findings
+    )
+
+
+def _unlike(words: str, report: GateReport) -> bool:
+    return any(f.verdict == Verdict.NOT_COMPARABLE and words in f.reason for f in report.findings)
+
+
+def lose_quality(row: Row, decibels: float = EVERYWHERE, uneven: float = UNEVEN) -> Row:
+    """Take ``decibels`` from PSNR, full frame and in mask, as the mean over held-out views.
+
+    Views lose different amounts, gamma-distributed with a standard deviation of ``uneven`` times
+    the mean; the same views always lose the same, in all rows of a capture.
+    """
+    names = [str(view["view"]) for view in held_out_views(row)]
+    losses = dict(zip(names, decibels * _pattern(row["capture"], len(names), uneven), strict=True))
+    out = deepcopy(row)
+    for view in out["per_view"]:
+        for name in ("psnr", "mask_psnr"):
+            if view["split"] == "test" and view.get(name) is not None:
+                view[name] -= losses[str(view["view"])]
+    return out
+
+
+def _pattern(capture: str, count: int, uneven: float) -> np.ndarray:
+    """Return what each of a capture's views loses, mean 1 [N]."""
+    if not uneven or count < 2:
+        return np.ones(count)
+    shape = uneven**-2  # of a gamma distribution with this coefficient of variation
+    rng = np.random.default_rng(list(capture.encode()))
+    drawn = rng.gamma(shape, 1 / shape, count)
+    return np.asarray(drawn / drawn.mean())
+
+
+def lose_speed(row: Row, share: float = SLOWDOWN) -> Row:
+    """Make training and rendering slower, the calibration workload as fast as before."""
+    out = deepcopy(row)
+    for metric in SPEED_METRICS:
+        factor = 1 / (1 + share) if metric in RATES else 1 + share
+        for name in (metric, f"{metric}_calibrated"):
+            if out["metrics"].get(name) is not None:
+                out["metrics"][name] *= factor
+        for repeat in (out.get("repeats") or {}).get(metric, []):
+            repeat["value"] *= factor
+    return out
+
+
+def grow(row: Row, share: float = GROWTH) -> Row:
+    """Make the PLY larger, and the number of splats with it."""
+    metrics = dict(row["metrics"])
+    for metric in ("size_mb", "splats"):
+        if metrics.get(metric) is not None:
+            metrics[metric] *= 1 + share
+    return row | {"metrics": metrics}
+
+
+def leak(row: Row) -> Row:
+    """Have the first held-out view among the training views."""
+    leaked = held_out_views(row)[:1]
+    return row | {"per_view": [*row["per_view"], *({**view, "split": "train"} for view in leaked)]}
+
+
+def other_masks(row: Row) -> Row:
+    """Have masks of other pixels, and with them another truth; what 2 px more do to digests."""
+    names = ("agree", "masks") if "agree" in (row.get("digests") or {}) else ("segment", "masks")
+    return _with_digests(row, *names)
+
+
+def other_truth(row: Row) -> Row:
+    """Have held-out views that look otherwise."""
+    return _with_digests(row, "prepare", "truth")
+
+
+def _with_digests(row: Row, *names: str) -> Row:
+    return row | {"digests": (row.get("digests") or {}) | dict.fromkeys(names, OTHER)}

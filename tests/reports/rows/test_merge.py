@@ -11,7 +11,7 @@ from mattgs_ops.errors import InputError
 from reports.figures import trade_off
 from reports.rows.merge import merge
 from reports.rows.schema import PROTOCOL, Cell, cells
-from reports.tables import origins, pairs, side_tables, tables, verdict
+from reports.tables import notes, origins, pairs, side_tables, tables, verdict
 from tasks import row as made
 
 Row = dict[str, Any]
@@ -173,7 +173,7 @@ def test_tables_print_the_times_of_the_machine_that_measured_every_line(
 def test_a_note_names_the_lines_whose_times_are_of_other_seeds(
     make_grid: Callable[..., list[Row]],
 ) -> None:
-    def notes(times_of: dict[str, list[int]]) -> str:
+    def noted(times_of: dict[str, list[int]]) -> str:
         rows = [
             changed(row, "provenance.cpu", "AB"[row["seed"] in times_of[row["condition"]]])
             for row in make_grid(captures=("rover", "hexapod"), seeds=3)
@@ -183,9 +183,9 @@ def test_a_note_names_the_lines_whose_times_are_of_other_seeds(
         return notes.where_timed(members, machine)
 
     some = {"original-3dgs": [0], "original-ours": [0], "nobg-3dgs": [1, 2]}
-    more = notes(some | {"nobg-ours": [0, 1, 2]})
+    more = noted(some | {"nobg-ours": [0, 1, 2]})
     assert "those of seeds 1, 2 (No BG · Ours: 0, 1, 2), from one machine" in more
-    none = notes(some | {"nobg-ours": [0]})
+    none = noted(some | {"nobg-ours": [0]})
     assert "those of seeds No BG · 3DGS: 1, 2; No BG · Ours: 0, from one machine" in none
 
 

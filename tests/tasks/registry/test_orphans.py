@@ -15,11 +15,11 @@ from tasks.registry.segmenter_training import TrainingRun
 OPEN = """
 import json, sys
 from pathlib import Path
-from tasks import registry
+from tasks.registry import runs
 uri, row = sys.argv[1], json.loads(sys.argv[2])
-experiment = registry.open_benchmark(uri, "small", Path(sys.argv[3]))
-registry.begin(uri, experiment, row, {})
-print(registry.record(uri, experiment, row | {"seed": 1}, parameters={}, final=False))
+experiment = runs.open_benchmark(uri, "small", Path(sys.argv[3]))
+runs.begin(uri, experiment, row, {})
+print(runs.record(uri, experiment, row | {"seed": 1}, parameters={}, final=False))
 """
 
 

@@ -147,12 +147,12 @@ def test_processes_that_log_at_once_lose_nothing(place: tuple[str, Path], tmp_pa
     script.write_text(
         "import json, sys\n"
         "from pathlib import Path\n"
-        "from tasks import registry\n"
+        "from tasks.registry import runs\n"
         "uri, artifacts, rows = sys.argv[1], Path(sys.argv[2]), json.loads(sys.argv[3])\n"
-        "experiment = registry.open_benchmark(uri, 'crowd', artifacts)\n"
+        "experiment = runs.open_benchmark(uri, 'crowd', artifacts)\n"
         "curve = [{'step': i, 'loss': 1 / (i + 1)} for i in range(200)]\n"
         "for row in rows:\n"
-        "    registry.record(uri, experiment, row, parameters={'a': 1}, curve=curve)\n"
+        "    runs.record(uri, experiment, row, parameters={'a': 1}, curve=curve)\n"
     )
     env = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
     processes = []

@@ -12,7 +12,7 @@ import pytest
 
 HOLD = """
 import sys
-from tasks import quiet
+from tasks.stages import quiet
 print("starts", flush=True)
 with getattr(quiet, sys.argv[1])():
     print("in", flush=True)

@@ -13,13 +13,16 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from mattgs_ops.capture.camera import Camera
 from mattgs_ops.capture.scene import View
 from mattgs_ops.config import TrainConfig
 from mattgs_ops.errors import InputError
 from mattgs_ops.frozen import Background
+from mattgs_ops.splat.memory import Memory
 
 Floats = NDArray[np.float32]
 Bytes = NDArray[np.uint8]
@@ -141,3 +144,10 @@ def _shrink(values: Floats, size: tuple[int, int]) -> Bytes:
     if (values.shape[1], values.shape[0]) != size:
         values = cv2.resize(values, size, interpolation=cv2.INTER_AREA)
     return np.clip(np.rint(values), 0, 255).astype(np.uint8)
+
+
+def unit_range(values: Bytes, memory: Memory | None = None) -> Tensor:
+    """Return bytes as float32 in [0, 1]; in ``memory``, overwriting the last call's, if given."""
+    stored = torch.from_numpy(values)
+    out = torch.empty(stored.shape) if memory is None else memory.take("unit", *stored.shape)
+    return torch.div(stored, 255, out=out)

@@ -14,6 +14,7 @@ come by their own names because the paper's columns mix two scales:
 import json
 import resource
 import sys
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -85,7 +86,7 @@ class TrainingReport:
         return cls(**data)
 
 
-def memory_bound(views: list[StoredView], max_splats: int) -> float:
+def memory_bound(views: Sequence[StoredView], max_splats: int) -> float:
     """Return the MiB that training needs at most, without interpreter and libraries."""
     pixels = [view.mask.size for view in views]
     splats = max_splats * (FLOATS_PER_SPLAT * 4 * SPLAT_COPIES + ENGINE_BYTES_PER_SPLAT)

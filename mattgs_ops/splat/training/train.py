@@ -8,14 +8,14 @@ is found finished. Training reads the registered training views and the sparse p
 the test views.
 """
 
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from mattgs_ops.capture.scene import Scene, View
 from mattgs_ops.config import Condition, TrainConfig
@@ -23,10 +23,10 @@ from mattgs_ops.errors import InputError, StageError
 from mattgs_ops.method import MethodConfig
 from mattgs_ops.progress import Progress, no_progress
 from mattgs_ops.splat.files.ply import read_ply, write_ply
+from mattgs_ops.splat.gaussians import Splats
 from mattgs_ops.splat.photos import background_colour, store_views
 from mattgs_ops.splat.training import checkpoint
 from mattgs_ops.splat.training.checkpoint import TrainingState
-from mattgs_ops.splat.training.curve import Curve, CurveRow, due
 from mattgs_ops.splat.training.initialise import (
     FEWEST_POINTS,
     StartingPoints,
@@ -34,7 +34,15 @@ from mattgs_ops.splat.training.initialise import (
     scene_extent,
     starting_points,
 )
-from mattgs_ops.splat.training.laps import Laps
+from mattgs_ops.splat.training.loop import (
+    CheckpointWriter,
+    CurveWriter,
+    ProgressReport,
+    SpeedMeasurement,
+    clocks,
+    run_steps,
+    seconds_since,
+)
 from mattgs_ops.splat.training.report import (
     SCHEMA,
     TrainingReport,
@@ -43,15 +51,64 @@ from mattgs_ops.splat.training.report import (
     peak_memory,
 )
 from mattgs_ops.splat.training.schedule import Schedule
-from mattgs_ops.splat.training.trainer import StepResult, Trainer
-from mattgs_ops.timing import stopwatch
-from mattgs_ops.timing.calibration import calibrate
+from mattgs_ops.splat.training.trainer import Trainer
 
 PLY = "splats.ply"
 START = "start.npz"  # starting points [P, 3] and which were kept [P], where attention chose
 PRUNED = "pruned.npz"  # splats that the method removed: centres [K, 3], step of each [K]
 FEWEST_VIEWS = 2
-CALIBRATIONS = 50  # workloads before and after; the fastest counts
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """What is trained, and on what; ``resolution`` is the longest side in pixels."""
+
+    scene: Scene
+    condition: Condition
+    method: MethodConfig
+    config: TrainConfig
+    iterations: int
+    resolution: int
+    seed: int
+
+    def views(self) -> tuple[View, ...]:
+        """Return the registered training views. Raises :class:`StageError` for too few."""
+        views = self.scene.registered("train")
+        if len(views) < FEWEST_VIEWS:
+            raise StageError(
+                f"scene {self.scene.name}: expected {FEWEST_VIEWS} registered training views at "
+                f"least, found {len(views)}"
+            )
+        return views
+
+    def digest(self) -> str:
+        """Return SHA-256 of all that decides the result: files, parameters and the seed."""
+        files = [self.scene.folder / "scene.json", self.scene.folder / "points.npz"]
+        for view in self.views():
+            files += [view.photo] if view.mask is None else [view.photo, view.mask]
+        parameters = {
+            "condition": str(self.condition),
+            "method": self.method.model_dump(mode="json"),
+            "config": self.config.model_dump(mode="json", exclude={"checkpoint_every"}),
+            "iterations": self.iterations,
+            "resolution": self.resolution,
+            "seed": self.seed,
+        }
+        missing = [path for path in files if not path.is_file()]
+        if missing:
+            raise StageError(f"scene {self.scene.name}: expected the file {missing[0]}, found none")
+        return checkpoint.digest(files, parameters)
+
+    def trainer(self, threads: int) -> tuple[Trainer, StartingPoints]:
+        """Read the photos and the sparse points."""
+        background = self.condition.background
+        views = store_views(self.views(), background, self.resolution)
+        extent = scene_extent([view.camera for view in views])
+        schedule = Schedule.of(self.config, self.iterations, extent)
+        points = starting_points(self.scene.points(), views, background, self.seed)
+        points = points.at_most(self.config.max_splats, self.seed)  # memory is bound by that number
+        trainer = Trainer(views, background, self.method, self.config, schedule, extent, threads)
+        return trainer, points
 
 
 def train(
@@ -73,35 +130,28 @@ def train(
     never changes the result. Raises :class:`InputError` for photos that cannot be read and
     :class:`StageError` when training cannot start or breaks down, naming the step.
     """
-    views = scene.registered("train")
-    if len(views) < FEWEST_VIEWS:
-        raise StageError(
-            f"scene {scene.name}: expected {FEWEST_VIEWS} registered training views at least, "
-            f"found {len(views)}"
-        )
+    experiment = Experiment(scene, condition, method, config, iterations, resolution, seed)
+    digest = experiment.digest()
     out.mkdir(parents=True, exist_ok=True)
-    key = _digest(scene, views, condition, method, config, iterations, resolution, seed)
-    known = _finished(out, key)
-    if known is not None:
+    finished = _finished(out, digest)
+    if finished is not None:
         (out / checkpoint.FILE).unlink(missing_ok=True)
         progress(iterations, iterations, "had ended")
-        return known
+        return finished
     with torch.no_grad(), _threads(threads):
-        stored = store_views(views, condition.background, resolution)
-        extent = scene_extent([view.camera for view in stored])
-        schedule = Schedule.of(config, iterations, extent)
-        trainer = Trainer(stored, condition.background, method, config, schedule, extent, threads)
-        points = starting_points(scene.points(), stored, condition.background, seed)
-        points = points.at_most(config.max_splats, seed)  # memory is bound by that number
-        state = checkpoint.load(out, key)
+        trainer, points = experiment.trainer(threads)
+        state = checkpoint.load(out, digest)
         resumed_from = 0 if state is None else state.step
         if state is None:
-            state = _start(trainer, points, seed, out)
-        bound = memory_bound(stored, config.max_splats)
+            state, kept = _first_state(trainer, points, seed)
+            if method.prune_initial:
+                np.savez(out / START, xyz=points.xyz.astype(np.float32), kept=kept)
+        bound = memory_bound(trainer.views, config.max_splats)
         progress(state.step, iterations, f"needs at most {bound:.0f} MiB beside the libraries")
-        workload = calibrate(CALIBRATIONS)
-        laps = _run(trainer, state, out, key, progress)
-        workload = min(workload, calibrate(CALIBRATIONS))
+        speed = SpeedMeasurement(iterations)
+        curve = CurveWriter(trainer, out)
+        checkpoints = CheckpointWriter(trainer, out, digest, curve)
+        run_steps(trainer, state, [speed, curve, ProgressReport(trainer, progress), checkpoints])
         colour = background_colour(config)
         report = TrainingReport(
             schema=SCHEMA,
@@ -109,121 +159,70 @@ def train(
             resolution=resolution,
             seed=seed,
             threads=threads,
-            views=len(views),
+            views=len(trainer.views),
             splats=len(state.splats),
             starting_splats=state.counters["starting_splats"],
             starting_source=points.source,
             wall_seconds=state.wall_seconds,
             cpu_seconds=state.cpu_seconds,
-            calibration=workload,
-            laps=tuple(laps.rows) if resumed_from == 0 else (),
+            calibration=speed.calibration,
+            laps=tuple(speed.laps.rows) if resumed_from == 0 else (),
             resumed_from=resumed_from,
-            extent=extent,
+            extent=trainer.extent,
             background=colour,
-            schedule=asdict(schedule),
+            schedule=asdict(trainer.schedule),
             counters=state.counters,
             loss_terms=loss_terms(trainer, state.splats, colour),
             peak_memory_mib=peak_memory(),
             memory_bound_mib=bound,
-            digest=key,
+            digest=digest,
         )
         write_ply(state.splats, out / PLY)
         if len(state.pruned):
-            gone = state.pruned.numpy()
-            np.savez(out / PRUNED, xyz=gone[:, :3], step=gone[:, 3].astype(np.int32))
+            removed = state.pruned.numpy()
+            np.savez(out / PRUNED, xyz=removed[:, :3], step=removed[:, 3].astype(np.int32))
     report.save(out)
     (out / checkpoint.FILE).unlink(missing_ok=True)
     return report
 
 
-def _finished(out: Path, key: str) -> TrainingReport | None:
+def train_in_memory(
+    experiment: Experiment, *, threads: int = 1, progress: Progress = no_progress
+) -> Splats:
+    """Train as :func:`train` does and return the splats; write no file and measure no speed."""
+    with torch.no_grad(), _threads(threads):
+        trainer, points = experiment.trainer(threads)
+        state, _ = _first_state(trainer, points, experiment.seed)
+        run_steps(trainer, state, [ProgressReport(trainer, progress)])
+    return state.splats
+
+
+def _finished(out: Path, digest: str) -> TrainingReport | None:
     """Return the report of this very training when it ended in ``out``, with all its splats."""
     try:
         report = TrainingReport.load(out)
-        whole = report.digest == key and len(read_ply(out / PLY)) == report.splats
+        complete = report.digest == digest and len(read_ply(out / PLY)) == report.splats
     except (OSError, InputError, ValueError, KeyError, TypeError):
         return None
-    return report if whole else None
+    return report if complete else None
 
 
-def _start(trainer: Trainer, points: StartingPoints, seed: int, out: Path) -> TrainingState:
-    began = _clocks()
+def _first_state(
+    trainer: Trainer, points: StartingPoints, seed: int
+) -> tuple[TrainingState, NDArray[np.bool_]]:
+    """Return the state before the first step, and which starting points [P] became splats."""
+    began = clocks()
     kept = np.ones(len(points.xyz), dtype=np.bool_)
     if trainer.method.prune_initial:
         kept = trainer.attended(points, FEWEST_POINTS)
     chosen = points.keep(kept)
-    seconds = _since(began)
-    if trainer.method.prune_initial:
-        np.savez(out / START, xyz=points.xyz.astype(np.float32), kept=kept)
+    seconds = seconds_since(began)
     state = TrainingState.start(initial_splats(chosen), seed)
     # scoring the points is part of the method, so it is part of its time
     state.wall_seconds, state.cpu_seconds = seconds
     state.counters["starting_splats"] = len(chosen.xyz)
     state.counters["removed_before_start"] = len(points.xyz) - len(chosen.xyz)
-    return state
-
-
-def _run(trainer: Trainer, state: TrainingState, out: Path, key: str, progress: Progress) -> Laps:
-    """Step until the end, with curve, checkpoints and progress outside the clock."""
-    iterations = trainer.schedule.iterations
-    every = trainer.config.checkpoint_every
-    curve, laps = Curve(out, state.step), Laps(iterations)
-    reported, reported_at = state.step, state.wall_seconds
-    while state.step < iterations:
-        calm, began = stopwatch.seconds(), _clocks()
-        result = trainer.step(state)
-        wall, cpu = _since(began)
-        state.wall_seconds += wall
-        state.cpu_seconds += cpu
-        laps.add(state.step, stopwatch.seconds() - calm)
-        if due(state.step, iterations):
-            rate = (state.step - reported) / max(state.wall_seconds - reported_at, 1e-9)
-            reported, reported_at = state.step, state.wall_seconds
-            fixed = trainer.fixed_psnr(state.splats)
-            curve.add(_row(state, result, rate, fixed))
-            progress(state.step, iterations, _note(result, state))
-        if every and state.step % every == 0 and state.step < iterations:
-            curve.flush()
-            checkpoint.save(state, out, key)
-    curve.flush()
-    return laps
-
-
-def _row(state: TrainingState, result: StepResult, rate: float, fixed: float) -> CurveRow:
-    seen = result.loss, result.l1, result.ssim, result.psnr
-    return CurveRow(state.step, *seen, len(state.splats), rate, fixed)
-
-
-def _note(result: StepResult, state: TrainingState) -> str:
-    count = f"{len(state.splats):,}".replace(",", " ")
-    return f"{result.psnr:.1f} dB, {count} splats"
-
-
-def _digest(
-    scene: Scene,
-    views: tuple[View, ...],
-    condition: Condition,
-    method: MethodConfig,
-    config: TrainConfig,
-    iterations: int,
-    resolution: int,
-    seed: int,
-) -> str:
-    files = [scene.folder / "scene.json", scene.folder / "points.npz"]
-    for view in views:
-        files += [view.photo] if view.mask is None else [view.photo, view.mask]
-    parameters = {
-        "condition": str(condition),
-        "method": method.model_dump(mode="json"),
-        "config": config.model_dump(mode="json", exclude={"checkpoint_every"}),
-        "iterations": iterations,
-        "resolution": resolution,
-        "seed": seed,
-    }
-    missing = [path for path in files if not path.is_file()]
-    if missing:
-        raise StageError(f"scene {scene.name}: expected the file {missing[0]}, found none")
-    return checkpoint.digest(files, parameters)
+    return state, kept
 
 
 @contextmanager
@@ -235,12 +234,3 @@ def _threads(count: int) -> Iterator[None]:
         yield
     finally:
         torch.set_num_threads(before)
-
-
-def _clocks() -> tuple[float, float]:
-    return time.perf_counter(), time.process_time()
-
-
-def _since(began: tuple[float, float]) -> tuple[float, float]:
-    wall, cpu = _clocks()
-    return wall - began[0], cpu - began[1]

@@ -28,12 +28,12 @@ from mattgs_ops.splat.gaussians import Splats
 from mattgs_ops.splat.memory import Memory
 from mattgs_ops.splat.photos import (
     WHITE,
-    Bytes,
     Colour,
     Floats,
     StoredView,
     background_colour,
     recolour,
+    unit_range,
 )
 from mattgs_ops.splat.rasterize import Rendering, Seen, render
 from mattgs_ops.splat.ssim import photometric_loss
@@ -97,9 +97,9 @@ class Trainer:
         """Return the attention map of a view [H, W], computed once."""
         if index not in self._maps:
             view = self.views[index]
-            image, photo, mask = (_unit(a).numpy() for a in (view.image, view.photo, view.mask))
+            arrays = [unit_range(a).numpy() for a in (view.image, view.photo, view.mask)]
             removed = self.background == "nobg"
-            found = attention_map(image, photo, mask, kind=self.method.attention, removed=removed)
+            found = attention_map(*arrays, kind=self.method.attention, removed=removed)
             self._maps[index] = torch.from_numpy(found)
         return self._maps[index]
 
@@ -182,8 +182,7 @@ class Trainer:
     def _observe(self, state: TrainingState, seen: Seen, rendering: Rendering) -> None:
         """Note what this step saw of each splat, for the next densification."""
         height, width = rendering.alpha.shape
-        absolute = self.method.densify == "absolute"
-        means2d = seen.means2d_abs if absolute else seen.means2d
+        means2d = seen.means2d_abs if self.method.densify == "absolute" else seen.means2d
         state.record.observe(means2d, rendering.radii, width, height)
         if self.method.wants_blending:
             state.record.weight += seen.weight
@@ -194,9 +193,9 @@ class Trainer:
         if self.method.weighting == "none":
             return None
         if index not in self._weights:
-            mask = _unit(self.views[index].mask).numpy()
+            mask, attention = unit_range(self.views[index].mask).numpy(), self.attention(index)
             removed = self.background == "nobg"
-            found = loss_weights(self.attention(index).numpy(), mask, self.method, removed=removed)
+            found = loss_weights(attention.numpy(), mask, self.method, removed=removed)
             self._weights[index] = None if found is None else torch.from_numpy(found)
         return self._weights[index]
 
@@ -205,15 +204,15 @@ class Trainer:
         if self.method.alpha_loss == 0 or self.background == "original":
             return 0.0, None
         weight = self.weights(index) if self.method.weighting == "residual" else None
-        mask = _unit(self.views[index].mask)
+        mask = unit_range(self.views[index].mask)
         return alpha_loss(rendering.alpha, mask, self.method.alpha_loss, weight)
 
     def target(self, view: StoredView, colour: Colour, memory: Memory | None = None) -> Tensor:
         """Return what a view should look like on ``colour`` [H, W, 3], in ``memory`` if given."""
-        image = _unit(view.image, memory)
+        image = unit_range(view.image, memory)
         if self.background == "original" or colour == WHITE:
             return image
-        return torch.from_numpy(recolour(image.numpy(), _unit(view.mask).numpy(), colour))
+        return torch.from_numpy(recolour(image.numpy(), unit_range(view.mask).numpy(), colour))
 
     def fixed_psnr(self, splats: Splats) -> float:
         """Return PSNR in dB of the middle view, over the colour that splats are shown on."""
@@ -283,9 +282,9 @@ class Trainer:
 
     def _remove(self, state: TrainingState, removed: Tensor, reason: str) -> None:
         state.count(reason, int(removed.sum()))
-        gone = state.splats.means[removed]
-        step = torch.full((len(gone), 1), float(state.step + 1))
-        state.pruned = torch.cat([state.pruned, torch.cat([gone, step], dim=1)])
+        means = state.splats.means[removed]
+        step = torch.full((len(means), 1), float(state.step + 1))
+        state.pruned = torch.cat([state.pruned, torch.cat([means, step], dim=1)])
         state.splats = prune(state.splats, state.adam, removed)
         state.record = state.record.keep(torch.nonzero(~removed)[:, 0])
 
@@ -298,10 +297,3 @@ class Trainer:
 def _psnr(image: Tensor, target: Tensor) -> float:
     mse = float((image - target).square().mean())
     return -10 * math.log10(max(mse, 1e-10))
-
-
-def _unit(values: Bytes, memory: Memory | None = None) -> Tensor:
-    """Return bytes as numbers in [0, 1]; in ``memory``, overwriting the last, if one is given."""
-    stored = torch.from_numpy(values)
-    out = torch.empty(stored.shape) if memory is None else memory.take("unit", *stored.shape)
-    return torch.div(stored, 255, out=out)

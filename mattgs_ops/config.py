@@ -25,8 +25,9 @@ class CaptureConfig(Frozen):
 
     name: Slug
     path: Path | None = None
-    kind: Literal["auto", "photos", "nerfstudio", "colmap"] = "auto"
+    kind: Literal["auto", "photos", "nerfstudio", "colmap", "video"] = "auto"
     masks: Path | None = Field(None, description="folder of the user's own masks, 255 = object")
+    frames: int = Field(60, ge=3, description="photos taken from a video")
 
     @model_validator(mode="after")
     def _bundled_or_path(self) -> "CaptureConfig":
@@ -64,9 +65,20 @@ class SfmConfig(Frozen):
         description="auto: poses that come with a user's capture are kept, SfM only "
         "triangulates; estimate: always ignore them. Bundled captures are always estimated",
     )
-    camera_model: Literal["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV"] = (
-        "SIMPLE_RADIAL"
+    points: Literal["auto", "triangulate"] = Field(
+        "auto",
+        description="auto: points that come with a user's poses (COLMAP's points3D, nerfstudio's "
+        "ply_file_path) are started from; triangulate: always find them anew",
     )
+    camera_model: Literal[
+        "SIMPLE_PINHOLE",
+        "PINHOLE",
+        "SIMPLE_RADIAL",
+        "RADIAL",
+        "OPENCV",
+        "FULL_OPENCV",
+        "OPENCV_FISHEYE",
+    ] = "SIMPLE_RADIAL"
     max_image_size: int = Field(1600, ge=64, description="longest side seen by SIFT, pixels")
     max_features: int = Field(
         2048, ge=64, description="of a photo, and as many of its object; largest scales first"

@@ -23,6 +23,7 @@ def prepare(place: Place, capture: CaptureConfig, config: BenchmarkConfig) -> Ar
             "name": capture.name,
             "kind": capture.kind,
             "bundled": capture.path is None,
+            "frames": capture.frames,
             "test_every": config.test_every,
         },
         inputs={"files": capture_digest(capture)},

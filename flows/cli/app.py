@@ -33,8 +33,14 @@ def run(
     ] = None,
     capture: Annotated[
         Path | None,
-        typer.Option(help="A COLMAP project or a folder with nerfstudio's transforms.json."),
+        typer.Option(
+            help="A COLMAP project, nerfstudio's transforms.json or NeRF's transforms_train.json."
+        ),
     ] = None,
+    video: Annotated[
+        Path | None, typer.Option(help="A video of one object; sharp frames become the photos.")
+    ] = None,
+    frames: Annotated[int | None, typer.Option(help="Photos taken from the video.")] = None,
     captures: Annotated[
         str | None, typer.Option(help="Bundled captures, for example rover,hexapod.")
     ] = None,
@@ -80,6 +86,8 @@ def run(
         {
             "photos": photos,
             "capture": capture,
+            "video": video,
+            "frames": frames,
             "captures": options.words(captures),
             "masks": masks,
             "name": name,

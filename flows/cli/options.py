@@ -11,6 +11,8 @@ from mattgs_ops.config import BUNDLED, BenchmarkConfig, describe, load_toml
 from mattgs_ops.errors import InputError
 
 COMMAND_LINE = "command line"
+OWN_SOURCES = ("photos", "capture", "video")  # options that name a capture of the user's own
+SOURCES = (*OWN_SOURCES, "captures")
 
 
 def benchmark_config(file: Path | None, options: Mapping[str, Any]) -> BenchmarkConfig:
@@ -70,10 +72,12 @@ def slug(text: str) -> str:
 
 def _captures(given: Mapping[str, Any]) -> list[dict[str, Any]] | None:
     """Return the captures that the options name; None when they name none."""
-    sources = [key for key in ("photos", "capture", "captures") if key in given]
+    sources = [key for key in SOURCES if key in given]
     if len(sources) > 1:
         raise InputError(f"--{sources[0]} and --{sources[1]}: give one of them")
     masks = given.get("masks")
+    if "frames" in given and sources != ["video"]:
+        raise InputError("--frames: goes with --video")
     if not sources:
         if masks is not None:
             raise InputError("--masks: goes with --photos or --capture")
@@ -83,10 +87,14 @@ def _captures(given: Mapping[str, Any]) -> list[dict[str, Any]] | None:
             raise InputError("--masks: goes with --photos or --capture, not with bundled captures")
         return [_bundled(name) for name in given["captures"]]
     path: Path = given[sources[0]]
-    kind = "photos" if sources == ["photos"] else "auto"
-    name = given.get("name") or _name_of(path)
-    resolved = None if masks is None else masks.resolve()
-    return [{"name": name, "path": path.resolve(), "kind": kind, "masks": resolved}]
+    kind = "auto" if sources == ["capture"] else sources[0]
+    own = {
+        "name": given.get("name") or _name_of(path),
+        "path": path.resolve(),
+        "kind": kind,
+        "masks": None if masks is None else masks.resolve(),
+    }
+    return [own | ({"frames": given["frames"]} if "frames" in given else {})]
 
 
 def _bundled(name: str) -> dict[str, Any]:
@@ -102,11 +110,13 @@ def _name(given: Mapping[str, Any]) -> str | None:
     """Return the benchmark's name: as given, or the name of the user's own capture."""
     if "name" in given:
         return str(given["name"])
-    own = given.get("photos") or given.get("capture")
+    own = next((given[key] for key in OWN_SOURCES if key in given), None)
     return None if own is None else _name_of(own)
 
 
 def _name_of(path: Path) -> str:
-    """Name a capture after its folder, or after the folder around ``images``."""
+    """Name a capture after its folder, the folder around ``images``, or its video."""
     folder = path.resolve()
+    if folder.is_file():
+        return slug(folder.stem)
     return slug(folder.parent.name if folder.name == "images" else folder.name)

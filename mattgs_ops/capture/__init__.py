@@ -1,7 +1,8 @@
 """Photos on disk → a prepared capture and a scene.
 
-``prepare`` validates and decodes photos (``photos``), their masks (``mask_files``, ``masks``) and
-the cameras that come with them (``formats``); ``undistortion`` makes pinholes. ``scene``,
-``sparse`` and ``camera`` hold what later stages hand on. Public face: ``prepare.prepare``,
+``source`` finds what a capture consists of (``formats``; ``video`` takes photos from a video);
+``prepare`` validates, decodes and writes photos (``photos``), their masks (``mask_files``,
+``masks``) and cameras; ``undistortion`` makes pinholes. ``scene``, ``sparse`` and ``camera`` hold
+what later stages hand on. Public face: ``prepare.prepare``, ``source.open_source``,
 ``scene.Scene``.
 """

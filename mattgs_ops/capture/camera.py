@@ -82,3 +82,40 @@ def to_opengl(rotation: Array, translation: Array) -> Array:
     out[:3, :3] = rotation.T * [1.0, -1.0, -1.0]
     out[:3, 3] = -rotation.T @ translation
     return out
+
+
+def rotation_of(quaternion: Array) -> Array:
+    """Turn a wxyz quaternion [4] of any length but zero into a rotation matrix [3, 3]."""
+    w, x, y, z = quaternion / np.linalg.norm(quaternion)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def quaternion_of(rotation: Array) -> Array:
+    """Turn a rotation matrix [3, 3] into a unit quaternion wxyz with w >= 0.
+
+    The quaternion is the eigenvector of the largest eigenvalue of Bar-Itzhack's 4×4 matrix
+    (2000), which stays accurate for half turns where formulas by the trace do not.
+    """
+    r = rotation
+    k = np.array(
+        [
+            [r[0, 0] + r[1, 1] + r[2, 2], 0.0, 0.0, 0.0],
+            [r[2, 1] - r[1, 2], r[0, 0] - r[1, 1] - r[2, 2], 0.0, 0.0],
+            [r[0, 2] - r[2, 0], r[0, 1] + r[1, 0], r[1, 1] - r[0, 0] - r[2, 2], 0.0],
+            [
+                r[1, 0] - r[0, 1],
+                r[0, 2] + r[2, 0],
+                r[1, 2] + r[2, 1],
+                r[2, 2] - r[0, 0] - r[1, 1],
+            ],
+        ]
+    )
+    _, vectors = np.linalg.eigh(k)  # reads the lower triangle; eigenvalues ascend
+    q: Array = vectors[:, -1]
+    return -q if q[0] < 0 else q

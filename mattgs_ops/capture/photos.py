@@ -5,6 +5,8 @@ COLMAP and ONNX Runtime skip or quietly misread anything else, so it is refused 
 what to do about it. Decoding applies the EXIF orientation once; nothing downstream looks at it.
 """
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,24 +14,32 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import ExifTags, Image, ImageOps, UnidentifiedImageError
 
+from mattgs_ops.capture.formats.split_lists import LIST_FILES
 from mattgs_ops.errors import InputError
 
 FORMATS = ("JPEG", "PNG", "TIFF", "WEBP", "BMP")
 SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".mpo"})
 # Files that operating systems and other tools leave beside photos; everything else is named.
-IGNORED_FILES = frozenset({"thumbs.db", "desktop.ini", "transforms.json"})
-IGNORED_FOLDERS = frozenset({"masks"})
+IGNORED_FILES = frozenset({"thumbs.db", "desktop.ini", "transforms.json"}) | LIST_FILES
+IGNORED_FOLDERS = frozenset({"masks", "sparse"})
 PNG_BIT_DEPTH_OFFSET = 24  # byte of IHDR, PNG specification section 11.2.2
 TIFF_BITS_PER_SAMPLE = 258
+FILM_DIAGONAL = math.hypot(36.0, 24.0)  # mm, of the film that 35 mm equivalents refer to
+SAME_SHAPE = 0.02  # difference of aspect ratios that rounding of pixels explains
+UPRIGHT, SIDEWAYS = 1, frozenset({5, 6, 7, 8})  # EXIF 2.32, orientation
 UNREADABLE = (OSError, SyntaxError, ValueError, Image.DecompressionBombError)
 
 
 @dataclass(frozen=True)
 class Photo:
-    """A decoded photo: ``rgb`` [H, W, 3] uint8; ``alpha`` [H, W] uint8, straight, or None."""
+    """A decoded photo: ``rgb`` [H, W, 3] uint8; ``alpha`` [H, W] uint8, straight, or None.
+
+    ``focal`` is the focal length in pixels that its EXIF tells, None where it tells none.
+    """
 
     rgb: NDArray[np.uint8]
     alpha: NDArray[np.uint8] | None
+    focal: float | None = None
 
     @property
     def size(self) -> tuple[int, int]:
@@ -40,23 +50,17 @@ class Photo:
 def list_photos(folder: Path, masks: Path | None = None) -> tuple[list[Path], list[str]]:
     """Return the files of ``folder`` that should be photos, sorted by name, and the problems.
 
-    Hidden files, ``Thumbs.db``, ``desktop.ini``, ``transforms.json``, a folder ``masks/`` and the
-    folder ``masks`` that the user named are passed over. Any other file that is not an image, and
-    any other folder, is a problem: photos that are silently left out would change the split.
+    Folders within are read too. Hidden files and folders, ``Thumbs.db``, ``desktop.ini``,
+    ``transforms.json``, lists of a split, folders ``masks/`` and ``sparse/``, and the folder
+    ``masks`` that the user named are passed over. Any other file that is not an image is a problem:
+    photos that are silently left out would change the split.
     """
     photos, problems = [], []
-    for path in sorted(folder.iterdir(), key=lambda p: p.name):
+    for path in sorted(_files(folder, masks, set())):
         lower = path.name.lower()
-        if path.name.startswith(".") or lower in IGNORED_FILES:
+        if lower in IGNORED_FILES:
             continue
-        if path.is_dir():
-            own = masks is not None and masks.resolve() == path.resolve()
-            if lower not in IGNORED_FOLDERS and not own:
-                problems.append(
-                    f"{path}: a folder among the photos; all photos are read from one flat "
-                    "folder: move it elsewhere"
-                )
-        elif path.suffix.lower() in SUFFIXES or _is_image(path):
+        if path.suffix.lower() in SUFFIXES or _is_image(path):
             photos.append(path)
         else:
             problems.append(
@@ -65,10 +69,25 @@ def list_photos(folder: Path, masks: Path | None = None) -> tuple[list[Path], li
     return photos, problems
 
 
-def has_exif_rotation(path: Path) -> bool:
-    """Say whether the file asks to be turned or mirrored by its EXIF orientation."""
+def _files(folder: Path, masks: Path | None, seen: set[Path]) -> Iterator[Path]:
+    """Yield files that are not hidden; ``seen`` keeps links to folders from leading in circles."""
+    real = folder.resolve()
+    if real in seen or (masks is not None and real == masks.resolve()):
+        return
+    seen.add(real)
+    for path in folder.iterdir():
+        if path.name.startswith("."):
+            continue
+        if not path.is_dir():
+            yield path
+        elif path.name.lower() not in IGNORED_FOLDERS:
+            yield from _files(path, masks, seen)
+
+
+def exif_orientation(path: Path) -> int:
+    """Return how the file asks to be turned or mirrored, ``UPRIGHT`` if it does not."""
     with Image.open(path, formats=FORMATS) as image:
-        return image.getexif().get(ExifTags.Base.Orientation, 1) not in (0, 1)
+        return image.getexif().get(ExifTags.Base.Orientation, 0) or UPRIGHT
 
 
 def decode(path: Path) -> Photo:
@@ -81,6 +100,7 @@ def decode(path: Path) -> Photo:
             _refuse_unsuitable(path, image)
             upright = ImageOps.exif_transpose(image)
             transparent = upright.has_transparency_data
+            focal = exif_focal(image.getexif(), image.size)
             pixels = np.asarray(upright.convert("RGBA" if transparent else "RGB"))
     except UnidentifiedImageError as error:
         raise InputError(
@@ -96,7 +116,32 @@ def decode(path: Path) -> Photo:
         alpha = None
     if alpha is None and _has_no_colour(rgb):
         raise InputError(_grey(path))
-    return Photo(rgb, alpha)
+    return Photo(rgb, alpha, focal)
+
+
+def exif_focal(exif: Image.Exif, size: tuple[int, int]) -> float | None:
+    """Return the focal length in pixels of a photo of ``size`` (width, height) as stored.
+
+    It is taken from the 35 mm equivalent, which goes by the diagonal. None where EXIF holds none,
+    and where it says that the photo was cut to another shape after it was taken.
+    """
+    details = exif.get_ifd(ExifTags.IFD.Exif)
+    try:
+        equivalent = float(details.get(ExifTags.Base.FocalLengthIn35mmFilm, 0))
+        taken = [
+            float(details.get(tag, side))
+            for tag, side in zip(
+                (ExifTags.Base.ExifImageWidth, ExifTags.Base.ExifImageHeight), size, strict=True
+            )
+        ]
+    except (TypeError, ValueError, ZeroDivisionError):
+        return None
+    if not (equivalent > 0 and min(taken) > 0):
+        return None
+    # some programs turn the pixels and leave EXIF as it was
+    if abs(max(taken) / min(taken) - max(size) / min(size)) > SAME_SHAPE:
+        return None
+    return equivalent * math.hypot(*size) / FILM_DIAGONAL
 
 
 def on_white(photo: Photo) -> NDArray[np.uint8]:
@@ -156,5 +201,5 @@ def _hint(lower_name: str) -> str:
     if lower_name.endswith((".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf")):
         return " (raw files are not read: develop them to JPEG)"
     if lower_name.endswith((".mp4", ".mov", ".avi", ".mkv")):
-        return " (videos are not read: extract sharp frames as photos)"
+        return " (give a video as --video FILE)"
     return ""

@@ -1,17 +1,18 @@
 """Photos on disk → a prepared capture: validated whole, upright, lossless, the split frozen.
 
-Four kinds are read. **Bundled**: the package's own, with a renderer's exact masks and cameras.
-**photos**: a flat folder of photos, or one that holds ``images/``. **nerfstudio**: a
-``transforms.json``. **colmap**: ``images/`` and ``sparse/0``. Masks are taken, in this order, from
-the folder that the user named, the photos' alpha channel, a frame's ``mask_path``, or ``masks/``
-beside the photos.
+``source.py`` says which photos, cameras and masks there are; here they are decoded, checked and
+written. Masks are taken, in this order, from the folder that the user named, the photos' alpha
+channel, a frame's ``mask_path``, or ``masks/`` beside the photos. A split that came with the
+capture is kept; otherwise every so-many-th photo by name is held out.
 
 Everything is checked before anything is written: a photo that a later stage would skip with a log
 line, or a split that shifts because a file was dropped, is refused here with all problems at once.
+Photos may differ in size and orientation; later stages give each size a camera of its own.
 """
 
-from collections import Counter
-from dataclasses import dataclass
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Literal
 
@@ -20,7 +21,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from mattgs_ops.capture.camera import Camera
-from mattgs_ops.capture.formats import PosedPhoto, raise_all, read_colmap, read_nerfstudio
+from mattgs_ops.capture.formats.point_cloud import read_points
+from mattgs_ops.capture.formats.posed import PosedPhoto, raise_all
 from mattgs_ops.capture.mask_files import (
     binary,
     decode_mask,
@@ -28,45 +30,27 @@ from mattgs_ops.capture.mask_files import (
     looks_inverted,
     polarity_problem,
 )
-from mattgs_ops.capture.photos import Photo, decode, has_exif_rotation, list_photos, on_white
-from mattgs_ops.capture.scene import PreparedCapture, Split, View
+from mattgs_ops.capture.photos import (
+    SIDEWAYS,
+    UPRIGHT,
+    Photo,
+    decode,
+    exif_orientation,
+    on_white,
+)
+from mattgs_ops.capture.scene import POINTS_FILE, GivenPoints, PreparedCapture, Split, View
+from mattgs_ops.capture.source import Source, SourcePhoto, is_video, open_source, view_name
 from mattgs_ops.capture.undistortion import Lens, Undistortion, undistortion
+from mattgs_ops.capture.video import extract_frames
 from mattgs_ops.config import CaptureConfig
 from mattgs_ops.errors import InputError
 from mattgs_ops.progress import Progress, no_progress
 
 MINIMUM_PHOTOS = 3  # two for geometry, and one held out
-BUNDLED_FOLDER = Path(__file__).resolve().parents[1] / "bundled"
 PNG_EFFORT = 1  # zlib level: lossless either way, the fastest that still compresses
 
 Mask = NDArray[np.uint8]
 MasksAre = Literal["alpha", "given", "truth", "none"]
-
-
-@dataclass(frozen=True)
-class _Source:
-    """What was found under ``root``: photos sorted by name, their poses and masks where known."""
-
-    root: Path
-    photos: list[Path]
-    posed: dict[str, PosedPhoto]
-    cameras_are: Literal["given", "truth", "none"]
-    own_masks: Path | None  # the folder that the user named
-    masks: Path | None  # the one beside the photos
-    ids: Path | None = None  # small structures of some views, from a renderer
-
-    def mask(self, path: Path, photo: Photo) -> Mask | None:
-        """Decode the photo's mask, [H, W] of 0 and 255, still distorted; None where it has none."""
-        posed = self.posed.get(path.name)
-        if self.own_masks is not None:
-            return decode_mask(find_mask(self.own_masks, path.name), photo.size)
-        if photo.alpha is not None:
-            return binary(photo.alpha, f"{path}: alpha")
-        if posed is not None and posed.mask is not None:
-            return decode_mask(posed.mask, photo.size)
-        if self.masks is not None:
-            return decode_mask(find_mask(self.masks, path.name), photo.size)
-        return None
 
 
 def prepare(
@@ -79,85 +63,84 @@ def prepare(
 ) -> PreparedCapture:
     """Validate a capture and write it to ``out`` as later stages read it.
 
-    Every ``test_every``-th photo by sorted file name, the first included, is a test view. Lens
-    distortion that came with the cameras is removed. Photos whose longer side exceeds ``max_size``
-    pixels are reduced with an area filter, intrinsics with them. Transparent photos are composited
-    on white; masks are 0 or 255, alpha counts as object from 128. Progress counts each photo
-    twice, once checked and once written. Raises :class:`InputError` that lists every problem
-    found; nothing has been written then.
+    Where the capture has no split of its own, every ``test_every``-th photo by sorted name, the
+    first included, is a test view. Lens distortion that came with the cameras is removed. Photos
+    whose longer side exceeds ``max_size`` pixels are reduced with an area filter, intrinsics with
+    them. Transparent photos are composited on white; masks are 0 or 255, alpha counts as object
+    from 128. Progress counts each photo twice, once checked and once written. Raises
+    :class:`InputError` that lists every problem found; nothing has been written then.
     """
-    source = _open(capture)
-    masks_are = _check(source, progress)
-    if capture.path is None and capture.masks is None:
-        masks_are = "truth"
-    out = out.resolve()
-    (out / "photos").mkdir(parents=True, exist_ok=True)
-    if masks_are != "none":
-        (out / "masks").mkdir(exist_ok=True)
-    total = len(source.photos)
-    views, lenses = [], dict[Lens, Undistortion]()
-    for index, path in enumerate(source.photos):
-        split: Split = "test" if index % test_every == 0 else "train"
-        views.append(_write_view(path, source, split, max_size, out, lenses))
-        progress(total + index + 1, 2 * total, f"{path.name} prepared")
-    prepared = PreparedCapture(capture.name, out, tuple(views), masks_are, source.cameras_are)
+    with _opened(capture, progress) as source:
+        masks_are = _check(source, progress)
+        points = None if source.points is None else _points(source, source.points)
+        if capture.path is None and capture.masks is None:
+            masks_are = "truth"
+        out = out.resolve()
+        (out / "photos").mkdir(parents=True, exist_ok=True)
+        if masks_are != "none":
+            (out / "masks").mkdir(exist_ok=True)
+        total = len(source.photos)
+        views, lenses = [], dict[Lens, Undistortion]()
+        for index, photo in enumerate(source.photos):
+            split: Split = "test" if index % test_every == 0 else "train"
+            split = source.split.get(photo.path, split)
+            views.append(_write_view(photo, source, split, max_size, out, lenses))
+            progress(total + index + 1, 2 * total, f"{photo.name} prepared")
+    if points is not None:
+        points.save(out / POINTS_FILE)
+    prepared = PreparedCapture(
+        capture.name,
+        out,
+        tuple(views),
+        masks_are,
+        source.cameras_are,
+        split_is="given" if source.split else "every",
+        left_out=tuple(path.name for path in source.left_out),
+    )
     prepared.save()
     return prepared
 
 
-def _open(capture: CaptureConfig) -> _Source:
-    """Find photos, poses and masks; raises :class:`InputError` on what is missing."""
-    if capture.masks is not None and not capture.masks.is_dir():
-        raise InputError(f"{capture.masks}: expected a folder of masks, found none")
-    if capture.path is None:
-        root = BUNDLED_FOLDER / capture.name
-        if not (root / "transforms.json").is_file():
-            raise InputError(f"{root}: the bundled capture is missing; reinstall the package")
-        posed = {photo.photo.name: photo for photo in read_nerfstudio(root)}
-        photos = [photo.photo for photo in posed.values()]
-        return _Source(root, photos, posed, "truth", capture.masks, root / "masks", root / "ids")
-    root = capture.path
-    if not root.is_dir():
-        found = "a file" if root.is_file() else "nothing"
-        raise InputError(f"{root}: expected a folder of photos, found {found}")
-    kind = _detect(root) if capture.kind == "auto" else capture.kind
-    if kind == "nerfstudio":
-        posed = {photo.photo.name: photo for photo in read_nerfstudio(root)}
-        photos = [photo.photo for photo in posed.values()]
-        return _Source(root, photos, posed, "given", capture.masks, _mask_folder(root))
-    images = root / "images" if (root / "images").is_dir() else root
-    photos, problems = list_photos(images, capture.masks)
-    if images != root:
-        problems += _beside(root, images)
-    raise_all(problems)
-    masks = _mask_folder(root, images)
-    if kind == "photos":
-        return _Source(images, photos, {}, "none", capture.masks, masks)
-    model = root / "sparse" / "0" if (root / "sparse" / "0").is_dir() else root / "sparse"
-    posed = {photo.photo.name: photo for photo in read_colmap(model, images)}
-    return _Source(images, photos, posed, "given", capture.masks, masks)
+@contextmanager
+def _opened(capture: CaptureConfig, progress: Progress) -> Iterator[Source]:
+    """Open a capture's source; a video's frames lie in a temporary folder meanwhile."""
+    if not is_video(capture):
+        yield open_source(capture)
+        return
+    assert capture.path is not None
+    with tempfile.TemporaryDirectory(prefix="mattgs-frames-") as folder:
+        extract_frames(capture.path, Path(folder), capture.frames, progress)
+        frames = CaptureConfig(
+            name=capture.name, path=Path(folder), kind="photos", masks=capture.masks
+        )
+        yield open_source(frames)
 
 
-def _detect(root: Path) -> Literal["photos", "nerfstudio", "colmap"]:
-    if (root / "transforms.json").is_file():
-        return "nerfstudio"
-    if any((root / "sparse").glob("**/cameras.*")):
-        return "colmap"
-    return "photos"
+def _mask(source: Source, where: SourcePhoto, photo: Photo) -> Mask | None:
+    """Decode a photo's mask, [H, W] of 0 and 255, still distorted; None where it has none."""
+    posed = source.posed.get(where.path)
+    if source.own_masks is not None:
+        return decode_mask(find_mask(source.own_masks, where.relative), photo.size)
+    if photo.alpha is not None:
+        return binary(photo.alpha, f"{where.path}: alpha")
+    if posed is not None and posed.mask is not None:
+        return decode_mask(posed.mask, photo.size)
+    if source.masks is not None:
+        return decode_mask(find_mask(source.masks, where.relative), photo.size)
+    return None
 
 
-def _mask_folder(*beside: Path) -> Path | None:
-    return next((f / "masks" for f in beside if (f / "masks").is_dir()), None)
+def _points(source: Source, path: Path) -> GivenPoints:
+    """Read the points that came with a capture; photos go by their views' names from here on."""
+    points = read_points(path)
+    kept = {photo.name for photo in source.photos}
+    names = tuple(view_name(name) for name in points.photos)
+    used = np.array([name in kept for name in names], dtype=bool)
+    seen = points.seen[used[points.seen[:, 0]]] if len(points.seen) else points.seen
+    return GivenPoints(points.xyz, points.rgb, names, seen)
 
 
-def _beside(root: Path, images: Path) -> list[str]:
-    loose, _ = list_photos(root)
-    if not loose:
-        return []
-    return [f"{loose[0]}: {len(loose)} photos lie beside {images}; move all into one folder"]
-
-
-def _check(source: _Source, progress: Progress) -> MasksAre:
+def _check(source: Source, progress: Progress) -> MasksAre:
     """Decode everything once and say whose masks there are; raises with all problems."""
     found, total = len(source.photos), len(source.photos)
     if found < MINIMUM_PHOTOS:
@@ -166,24 +149,23 @@ def _check(source: _Source, progress: Progress) -> MasksAre:
             "the cameras, and 30 or more from all sides for a good model: add photos"
         )
     problems: list[str] = []
-    sizes: dict[str, tuple[int, int]] = {}
+    readable: set[str] = set()
     inverted: dict[str, bool] = {}
     alpha = False
-    for index, path in enumerate(source.photos):
+    for index, where in enumerate(source.photos):
         try:
-            photo = decode(path)
-            sizes[path.name] = photo.size
+            photo = decode(where.path)
+            readable.add(where.name)
             alpha = alpha or photo.alpha is not None
-            problems += _camera_problems(path, photo, source.posed.get(path.name))
-            mask = source.mask(path, photo)
+            problems += _camera_problems(where.path, photo, source.posed.get(where.path))
+            mask = _mask(source, where, photo)
             if mask is not None:
-                inverted[path.name] = looks_inverted(mask)
+                inverted[where.name] = looks_inverted(mask)
         except InputError as error:
             problems.append(str(error))
-        progress(index + 1, 2 * total, f"{path.name} checked")
-    problems += _size_problems(source, sizes)
+        progress(index + 1, 2 * total, f"{where.name} checked")
     upside_down = polarity_problem(inverted)
-    unmasked = sorted(set(sizes) - set(inverted))
+    unmasked = sorted(readable - set(inverted))
     if upside_down is not None:
         problems.append(upside_down)
     elif inverted and unmasked and not problems:
@@ -201,12 +183,15 @@ def _camera_problems(path: Path, photo: Photo, posed: PosedPhoto | None) -> list
     if posed is None:
         return []
     problems = []
-    if has_exif_rotation(path):
+    given = (posed.lens.intrinsics.width, posed.lens.intrinsics.height)
+    orientation = exif_orientation(path)
+    # a photo on its side whose camera is as large as the upright one: the pose is of that one
+    clear = orientation in SIDEWAYS and photo.size == given and given[0] != given[1]
+    if orientation != UPRIGHT and not clear:
         problems.append(
             f"{path}: turned by its EXIF orientation, and which way up its camera means is not "
             "known; save the photo upright without orientation, with the camera for it"
         )
-    given = (posed.lens.intrinsics.width, posed.lens.intrinsics.height)
     if photo.size != given:
         problems.append(
             f"{path}: the photo is {_by(photo.size)}, its camera says {_by(given)}; give the "
@@ -215,42 +200,22 @@ def _camera_problems(path: Path, photo: Photo, posed: PosedPhoto | None) -> list
     return problems
 
 
-def _size_problems(source: _Source, sizes: dict[str, tuple[int, int]]) -> list[str]:
-    """Name the photos whose upright size differs from the most common one."""
-    if len(set(sizes.values())) < 2:
-        return []
-    (usual, count), *_ = Counter(sizes.values()).most_common(1)
-    problems = []
-    for path in source.photos:
-        size = sizes.get(path.name, usual)
-        if size == usual:
-            continue
-        others = f"{count} of {len(sizes)} photos are {_by(usual)}"
-        if size == usual[::-1]:
-            problems.append(
-                f"{path}: {_by(size)}, another orientation: {others}; turn or remove it"
-            )
-        else:
-            problems.append(f"{path}: {_by(size)}, another size: {others}; resize or remove it")
-    return problems
-
-
 def _by(size: tuple[int, int]) -> str:
     return f"{size[0]}x{size[1]}"
 
 
 def _write_view(
-    path: Path,
-    source: _Source,
+    where: SourcePhoto,
+    source: Source,
     split: Split,
     max_size: int,
     out: Path,
     lenses: dict[Lens, Undistortion],
 ) -> View:
     """Write one photo and its mask; ``lenses`` keeps the maps of lenses already seen."""
-    photo = decode(path)
-    rgb, mask = on_white(photo), source.mask(path, photo)
-    camera, posed = None, source.posed.get(path.name)
+    photo = decode(where.path)
+    rgb, mask = on_white(photo), _mask(source, where, photo)
+    camera, posed = None, source.posed.get(where.path)
     if posed is not None:
         intrinsics = posed.lens.intrinsics
         if not posed.lens.is_pinhole:
@@ -264,17 +229,24 @@ def _write_view(
     if size != photo.size:
         camera = None if camera is None else camera.scaled(*size)
         rgb = _area(rgb, size)
-        mask = None if mask is None else binary(_area(mask, size), f"{path}: reduced mask")
-    file = f"{path.name}.png"
+        mask = None if mask is None else binary(_area(mask, size), f"{where.path}: reduced mask")
+    file = f"{where.name}.png"
     Image.fromarray(rgb).save(out / "photos" / file, compress_level=PNG_EFFORT)
     if mask is not None:
         Image.fromarray(mask).save(out / "masks" / file, compress_level=PNG_EFFORT)
-    mask_path = None if mask is None else out / "masks" / file
-    ids = _write_ids(source, file, size, out)
-    return View(path.name, split, *size, out / "photos" / file, mask_path, camera, ids)
+    return View(
+        where.name,
+        split,
+        *size,
+        photo=out / "photos" / file,
+        mask=None if mask is None else out / "masks" / file,
+        camera=camera,
+        ids=_write_ids(source, file, size, out),
+        focal=None if photo.focal is None else photo.focal * size[0] / photo.size[0],
+    )
 
 
-def _write_ids(source: _Source, file: str, size: tuple[int, int], out: Path) -> Path | None:
+def _write_ids(source: Source, file: str, size: tuple[int, int], out: Path) -> Path | None:
     """Copy what the renderer knows of a view's small structures, where it does."""
     if source.ids is None or not (source.ids / file).is_file():
         return None

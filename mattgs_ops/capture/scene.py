@@ -1,16 +1,17 @@
 """The two folders that stages hand on: a prepared capture, and a scene ready for training.
 
-A **prepared capture** (written by ``captures.py``) holds upright 8-bit RGB photos, the split, and
+A **prepared capture** (written by ``prepare.py``) holds upright 8-bit RGB photos, the split, and
 what came with them::
 
-    capture.json   photos/NAME.png   [masks/NAME.png]   [ids/NAME.png]
+    capture.json   photos/NAME.png   [masks/NAME.png]   [ids/NAME.png]   [given_points.npz]
 
-A **scene** (written by ``sfm.py``) holds photos and masks without lens distortion, the pinhole
-cameras that were found, and the sparse points::
+A **scene** (written by ``mattgs_ops/sfm``) holds photos and masks without lens distortion, the
+pinhole cameras that were found, and the sparse points::
 
     scene.json   photos/NAME.png   masks/NAME.png   [ids/NAME.png]   points.npz   sparse/0/*.bin
 
-Names are the photo's original file names (``IMG_1.jpg``), files on disk carry ``NAME.png`` after
+Names are the photo's original file names (``IMG_1.jpg``; ``left__IMG_1.jpg`` for a photo that lies
+in a folder ``left`` of its own), files on disk carry ``NAME.png`` after
 COLMAP's habit (``IMG_1.jpg.png``). Masks are 8-bit, 255 = object. Ids, which a renderer knows of
 its test views, are 8-bit: 1 screws, 2 wires, 3 print, 0 the rest.
 """
@@ -29,11 +30,15 @@ from mattgs_ops.errors import InputError
 
 Split = Literal["train", "test"]
 SCHEMA = 1
+POINTS_FILE = "given_points.npz"
 
 
 @dataclass(frozen=True)
 class View:
-    """One photo. ``photo``, ``mask`` and ``ids`` are absolute; ``camera`` is None when unknown."""
+    """One photo. ``photo``, ``mask`` and ``ids`` are absolute; ``camera`` is None when unknown.
+
+    ``focal`` is the focal length in pixels that the photo's EXIF tells, None where it tells none.
+    """
 
     name: str
     split: Split
@@ -43,6 +48,33 @@ class View:
     mask: Path | None
     camera: Camera | None
     ids: Path | None = None
+    focal: float | None = None
+
+
+@dataclass(frozen=True)
+class GivenPoints:
+    """Points that came with a capture: ``xyz`` [P, 3] float64, ``rgb`` [P, 3] uint8.
+
+    ``seen`` [O, 2] int64 says which photo sees which point, as rows of ``photos`` and of ``xyz``;
+    it is empty where that is not known.
+    """
+
+    xyz: NDArray[np.float64]
+    rgb: NDArray[np.uint8]
+    photos: tuple[str, ...]
+    seen: NDArray[np.int64]
+
+    def save(self, path: Path) -> None:
+        """Write an NPZ file."""
+        photos = np.array(self.photos, dtype=np.str_)
+        np.savez_compressed(path, xyz=self.xyz, rgb=self.rgb, photos=photos, seen=self.seen)
+
+    @classmethod
+    def load(cls, path: Path) -> "GivenPoints":
+        """Read an NPZ file that was written by :meth:`save`."""
+        with np.load(path) as data:
+            photos = tuple(str(name) for name in data["photos"])
+            return cls(data["xyz"], data["rgb"], photos, data["seen"])
 
 
 @dataclass(frozen=True)
@@ -52,6 +84,8 @@ class PreparedCapture:
     ``masks_are`` says whose masks they are: ``alpha`` or ``given`` come from the user and may be
     used as they are, ``truth`` is a renderer's exact mask and serves to score other masks only,
     ``none`` means that there are none. ``cameras_are`` likewise: ``given``, ``truth`` or ``none``.
+    ``split_is`` says who chose the test views: ``given`` with the capture, or ``every`` so-many-th
+    photo by name. ``left_out`` names photos that the capture's own split puts into neither part.
     """
 
     name: str
@@ -59,17 +93,38 @@ class PreparedCapture:
     views: tuple[View, ...]
     masks_are: Literal["alpha", "given", "truth", "none"]
     cameras_are: Literal["given", "truth", "none"]
+    split_is: Literal["given", "every"] = "every"
+    left_out: tuple[str, ...] = ()
+
+    @property
+    def points(self) -> GivenPoints | None:
+        """The points that came with the capture, None where none did."""
+        path = self.folder / POINTS_FILE
+        return GivenPoints.load(path) if path.is_file() else None
 
     def save(self) -> None:
         """Write ``capture.json`` into ``folder``."""
-        extra = {"masks_are": self.masks_are, "cameras_are": self.cameras_are}
+        extra = {
+            "masks_are": self.masks_are,
+            "cameras_are": self.cameras_are,
+            "split_is": self.split_is,
+            "left_out": list(self.left_out),
+        }
         _write(self.folder / "capture.json", self.name, self.views, extra)
 
     @classmethod
     def load(cls, folder: Path) -> "PreparedCapture":
         """Read a prepared capture; raises :class:`InputError` naming what is wrong."""
         data, views = _read(folder, "capture.json")
-        return cls(data["name"], folder, views, data["masks_are"], data["cameras_are"])
+        return cls(
+            data["name"],
+            folder,
+            views,
+            data["masks_are"],
+            data["cameras_are"],
+            data["split_is"],
+            tuple(data["left_out"]),
+        )
 
 
 @dataclass(frozen=True)
@@ -143,6 +198,7 @@ def _view_to_json(view: View, folder: Path) -> dict[str, Any]:
         "photo": str(view.photo.relative_to(folder)),
         "mask": None if view.mask is None else str(view.mask.relative_to(folder)),
         "ids": None if view.ids is None else str(view.ids.relative_to(folder)),
+        "focal": view.focal,
         "camera": None
         if camera is None
         else {
@@ -163,6 +219,7 @@ def _view_from_json(row: dict[str, Any], folder: Path) -> View:
         photo=folder / row["photo"],
         mask=None if row["mask"] is None else folder / row["mask"],
         ids=folder / row["ids"] if row.get("ids") else None,
+        focal=row.get("focal"),
         camera=None
         if camera is None
         else Camera(

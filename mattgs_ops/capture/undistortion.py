@@ -1,9 +1,15 @@
 """Lens distortion, removed once so that every later stage sees a pinhole.
 
-The model is Brown–Conrady as COLMAP, OpenCV and nerfstudio write it: with ``r² = x² + y²`` on the
-normalised image plane, ``x' = x (1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 x y + p2 (r² + 2 x²)`` and
-``y'`` likewise with p1 and p2 exchanged. Pixel centres are at +0.5 here and at 0 in OpenCV's own
-functions; the shift happens in this module only.
+Two families of lenses are read, both as COLMAP, OpenCV and nerfstudio write them. With
+``r² = x² + y²`` on the normalised image plane:
+
+- Brown–Conrady: ``x' = x (1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ + k6 r⁶) + 2 p1 x y +
+  p2 (r² + 2 x²)`` and ``y'`` likewise with p1 and p2 exchanged;
+- fisheye (Kannala & Brandt 2006): ``(x', y') = (x, y) θ / r (1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸)``
+  with ``θ = atan r``.
+
+Pixel centres are at +0.5 here and at 0 in OpenCV's own functions; the shift happens in this module
+only.
 """
 
 from dataclasses import dataclass
@@ -17,19 +23,70 @@ from mattgs_ops.errors import InputError
 
 EDGE_SAMPLES = 257  # points per edge that decide which part of the plane every pixel can be read in
 MAX_ZOOM = 3.0  # a valid rectangle smaller than a third of the photo means broken coefficients
+# A pinhole that holds all of a wide lens's field has few pixels left for the middle: the edges are
+# cropped where the middle would lose more than half of its resolution.
+MIN_ZOOM = 0.5
+WIDEST_THETA = np.radians(85.0)  # a pinhole's plane has nothing at 90 degrees
+THETA_SAMPLES = 4096  # of the table that inverts the fisheye's polynomial; error below 0.001 pixels
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Lens:
-    """A camera with distortion: ``coefficients`` are (k1, k2, p1, p2, k3)."""
+    """A camera with distortion.
+
+    ``coefficients`` are (k1, k2, p1, p2, k3, k4, k5, k6) or the first few of these, in OpenCV's
+    order; of a ``fisheye`` they are (k1, k2, k3, k4).
+    """
 
     intrinsics: Intrinsics
-    coefficients: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    coefficients: tuple[float, ...] = ()
+    fisheye: bool = False
 
     @property
     def is_pinhole(self) -> bool:
         """Whether there is nothing to remove."""
-        return not any(self.coefficients)
+        return not self.fisheye and not any(self.coefficients)
+
+    def to_plane(self, pixels: Array) -> Array:
+        """Return where pixels [N, 2] lie on the normalised image plane, without distortion.
+
+        Rays of a fisheye more than 85 degrees off the axis are put at 85 degrees.
+        """
+        i = self.intrinsics
+        if not self.fisheye:
+            # OpenCV wants at least one point, and four, five or eight coefficients
+            matrix = np.array([[i.fx, 0, i.cx], [0, i.fy, i.cy], [0, 0, 1.0]])
+            if not len(pixels):
+                return np.zeros((0, 2))
+            found = cv2.undistortPoints(pixels, matrix, _opencv_coefficients(self))
+            return np.asarray(found[:, 0], dtype=np.float64)
+        xy = (pixels - [i.cx, i.cy]) / [i.fx, i.fy]
+        radius = np.linalg.norm(xy, axis=1)
+        theta, distorted = _theta_table(self)
+        slope = np.tan(np.interp(radius, distorted, theta))
+        scale = np.divide(slope, radius, out=np.ones_like(radius), where=radius > 0)
+        out: Array = xy * scale[:, None]
+        return out
+
+    def to_pixels(self, plane: Array) -> Array:
+        """Return the pixels [N, 2] that show points [N, 2] of the normalised image plane."""
+        i = self.intrinsics
+        k = _opencv_coefficients(self)
+        x, y = plane[:, 0], plane[:, 1]
+        r2 = x * x + y * y
+        if self.fisheye:
+            r = np.sqrt(r2)
+            theta = np.arctan(r)
+            scale = np.divide(_distorted(theta, k), r, out=np.ones_like(r), where=r > 0)
+            u, v = x * scale, y * scale
+        else:
+            k1, k2, p1, p2, k3, k4, k5, k6 = k
+            radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+            u = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+            v = y * radial + 2 * p2 * x * y + p1 * (r2 + 2 * y * y)
+        return np.stack([i.fx * u + i.cx, i.fy * v + i.cy], axis=1)
 
 
 @dataclass(frozen=True)
@@ -65,9 +122,9 @@ class Undistortion:
 def undistortion(lens: Lens) -> Undistortion:
     """Find the pinhole that keeps the photo's size and sees nothing outside the photo.
 
-    The focal lengths are both multiplied by the one smallest zoom that leaves no empty border, and
-    the principal point moves so that the valid rectangle is centred. Raises :class:`InputError`
-    when the coefficients cannot be inverted over the photo.
+    The focal lengths are both multiplied by the one smallest zoom that leaves no empty border, at
+    least one half, and the principal point moves so that the valid rectangle is centred. Raises
+    :class:`InputError` when the coefficients cannot be inverted over the photo.
     """
     old = lens.intrinsics
     left, top, right, bottom = _valid_rectangle(lens)
@@ -80,33 +137,57 @@ def undistortion(lens: Lens) -> Undistortion:
             f"distortion {lens.coefficients}: cannot be undone over a {old.width}x{old.height} "
             "photo; check the coefficients"
         )
+    zoom = max(zoom, MIN_ZOOM)
     fx, fy = old.fx * zoom, old.fy * zoom
     cx = old.width / 2 - fx * (left + right) / 2
     cy = old.height / 2 - fy * (top + bottom) / 2
     new = Intrinsics(old.width, old.height, fx, fy, cx, cy)
-    matrix, coefficients = _opencv(old), np.array(lens.coefficients)
-    map_x, map_y = cv2.initUndistortRectifyMap(
-        matrix, coefficients, np.eye(3), _opencv(new), (old.width, old.height), cv2.CV_32FC1
-    )
+    matrix, coefficients = _opencv(old), _opencv_coefficients(lens)
+    size = (old.width, old.height)
+    build = cv2.fisheye.initUndistortRectifyMap if lens.fisheye else cv2.initUndistortRectifyMap
+    map_x, map_y = build(matrix, coefficients, np.eye(3), _opencv(new), size, cv2.CV_32FC1)
     return Undistortion(new, map_x, map_y)
 
 
-def _opencv(i: Intrinsics) -> NDArray[np.float64]:
+def _opencv(i: Intrinsics) -> Array:
     return np.array([[i.fx, 0, i.cx - 0.5], [0, i.fy, i.cy - 0.5], [0, 0, 1]])
+
+
+def _opencv_coefficients(lens: Lens) -> Array:
+    """Return all 8 coefficients, 4 of a fisheye: what is not given is 0."""
+    out = np.zeros(4 if lens.fisheye else 8)
+    out[: len(lens.coefficients)] = lens.coefficients
+    return out
+
+
+def _distorted(theta: Array, k: Array) -> Array:
+    t2 = theta * theta
+    out: Array = theta * (1 + t2 * (k[0] + t2 * (k[1] + t2 * (k[2] + t2 * k[3]))))
+    return out
+
+
+def _theta_table(lens: Lens) -> tuple[Array, Array]:
+    """Return angles off the axis and their radii on the photo, as far as both grow together."""
+    theta = np.linspace(0, WIDEST_THETA, THETA_SAMPLES)
+    radius = _distorted(theta, _opencv_coefficients(lens))
+    falling = np.flatnonzero(np.diff(radius) <= 0)
+    end = int(falling[0]) + 1 if len(falling) else len(theta)
+    return theta[:end], radius[:end]
 
 
 def _valid_rectangle(lens: Lens) -> tuple[float, float, float, float]:
     """Largest axis-parallel rectangle of the undistorted plane inside all four photo edges."""
     width, height = lens.intrinsics.width, lens.intrinsics.height
-    across, down = np.linspace(0, width - 1, EDGE_SAMPLES), np.linspace(0, height - 1, EDGE_SAMPLES)
+    # centres of the outermost pixels, at half a pixel from the photo's edge
+    right, bottom = width - 0.5, height - 0.5
+    across, down = np.linspace(0.5, right, EDGE_SAMPLES), np.linspace(0.5, bottom, EDGE_SAMPLES)
     edges = {
-        "left": np.stack([np.zeros_like(down), down], 1),
-        "right": np.stack([np.full_like(down, width - 1), down], 1),
-        "top": np.stack([across, np.zeros_like(across)], 1),
-        "bottom": np.stack([across, np.full_like(across, height - 1)], 1),
+        "left": np.stack([np.full_like(down, 0.5), down], 1),
+        "right": np.stack([np.full_like(down, right), down], 1),
+        "top": np.stack([across, np.full_like(across, 0.5)], 1),
+        "bottom": np.stack([across, np.full_like(across, bottom)], 1),
     }
-    matrix, coefficients = _opencv(lens.intrinsics), np.array(lens.coefficients)
-    plane = {k: cv2.undistortPoints(v, matrix, coefficients)[:, 0] for k, v in edges.items()}
+    plane = {name: lens.to_plane(pixels) for name, pixels in edges.items()}
     return (
         float(plane["left"][:, 0].max()),
         float(plane["top"][:, 1].max()),

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from mattgs_ops.capture import sparse
 from mattgs_ops.capture.camera import Camera
+from mattgs_ops.capture.formats.colmap_model import read_model
 from mattgs_ops.capture.masks import Mask, SoftMap, clean, mask_name, quality, threshold, write_mask
 from mattgs_ops.capture.scene import PreparedCapture, Scene, View
 from mattgs_ops.config import Condition, TrainConfig
@@ -241,7 +242,7 @@ def _write(
     reports = tuple(replace(row, flags=flag) for row, flag in zip(rows, flags, strict=True))
     MaskReport(before.source, "votes", before.model, reports).save(out / "masks.json")
     agreed = Scene.load(out)
-    points = vote(agreed.views, sparse.read_model(out / "sparse" / "0"))
+    points = vote(agreed.views, read_model(out / "sparse" / "0"))
     extra = dict(scene.extra) | {
         "object_points": len(sparse.on_object(points).xyz),
         "agreement": {

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mattgs_ops.capture.camera import Camera, Intrinsics
+from mattgs_ops.capture.formats.colmap_cameras import ColmapCamera
 from mattgs_ops.capture.scene import PreparedCapture, SparsePoints, View
-from mattgs_ops.capture.sparse import ColmapCamera, SparseModel, object_points
+from mattgs_ops.capture.sparse import SparseModel, object_points
 from mattgs_ops.capture.undistortion import Lens, Undistortion, undistortion
 from mattgs_ops.errors import StageError
 from mattgs_ops.sfm.checks import mask_path, read_mask
@@ -34,29 +35,14 @@ class Plane:
         """Move key points [K, 2] from the photo to the pinhole's image plane."""
         if self.resample is None or not len(xy):
             return xy
-        old, new = self.lens.intrinsics, self.pinhole
-        matrix = np.array([[old.fx, 0, old.cx], [0, old.fy, old.cy], [0, 0, 1.0]])
-        plane = cv2.undistortPoints(xy, matrix, np.array(self.lens.coefficients))[:, 0]
+        new = self.pinhole
+        plane = self.lens.to_plane(xy)
         return np.asarray(plane * [new.fx, new.fy] + [new.cx, new.cy], dtype=np.float64)
-
-
-def lens_of(camera: ColmapCamera) -> Lens:
-    """Turn COLMAP's parameters into intrinsics and Brown–Conrady coefficients."""
-    p = camera.params
-    k = [0.0] * 5  # k1, k2, p1, p2, k3
-    if camera.model in ("PINHOLE", "OPENCV"):
-        fx, fy, cx, cy = p[:4]
-        k[:4] = p[4:8] or k[:4]
-    else:
-        fx, fy, cx, cy = p[0], p[0], p[1], p[2]
-        k[: len(p) - 3] = p[3:]
-    intrinsics = Intrinsics(camera.width, camera.height, fx, fy, cx, cy)
-    return Lens(intrinsics, (k[0], k[1], k[2], k[3], k[4]))
 
 
 def plane_of(camera: ColmapCamera) -> Plane:
     """Decide whether photos of a camera are resampled, and to which pinhole."""
-    lens = lens_of(camera)
+    lens = camera.lens()
     if lens.is_pinhole or largest_shift(lens) <= NEGLIGIBLE_SHIFT:
         return Plane(lens, lens.intrinsics, None)
     resample = undistortion(lens)
@@ -67,13 +53,9 @@ def largest_shift(lens: Lens) -> float:
     """Return how far distortion moves the pixel that it moves farthest, in pixels."""
     i = lens.intrinsics
     x, y = np.meshgrid(np.linspace(0, i.width, GRID), np.linspace(0, i.height, GRID))
-    x, y = (x - i.cx) / i.fx, (y - i.cy) / i.fy
-    k1, k2, p1, p2, k3 = lens.coefficients
-    r2 = x * x + y * y
-    radial = r2 * (k1 + r2 * (k2 + r2 * k3))
-    dx = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
-    dy = y * radial + 2 * p2 * x * y + p1 * (r2 + 2 * y * y)
-    return float(np.hypot(dx * i.fx, dy * i.fy).max())
+    pinhole = np.stack([x.ravel(), y.ravel()], axis=1)
+    shown = lens.to_pixels((pinhole - [i.cx, i.cy]) / [i.fx, i.fy])
+    return float(np.linalg.norm(shown - pinhole, axis=1).max())
 
 
 def write_views(

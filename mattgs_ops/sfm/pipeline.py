@@ -8,6 +8,8 @@ Modes (``SfmConfig.mode``):
   fixed, from the matches of whole photos joined by matches of the object's key points along
   epipolar lines.
 
+A capture that brings cameras *and* points needs none of this: both are taken as they are.
+
 Whatever the mode, the masks then vote on every point (``SparsePoints.object_share``).
 """
 
@@ -17,11 +19,13 @@ from pathlib import Path
 from typing import Any
 
 from mattgs_ops.capture import sparse
+from mattgs_ops.capture.formats import colmap_model
 from mattgs_ops.capture.scene import PreparedCapture, Scene, View
+from mattgs_ops.capture.sparse import SparseModel
 from mattgs_ops.config import SfmConfig
 from mattgs_ops.errors import StageError
 from mattgs_ops.progress import Progress, no_progress
-from mattgs_ops.sfm import alignment, assemble, figure, visual_hull
+from mattgs_ops.sfm import alignment, assemble, figure, given_points, visual_hull
 from mattgs_ops.sfm.checks import check, mask_path
 from mattgs_ops.sfm.colmap.job import KEYPOINTS_FILE, MODEL_FOLDER, Answer, Job, JobView
 from mattgs_ops.sfm.colmap.process import run_worker
@@ -56,21 +60,17 @@ def reconstruct(
     be registered, or when COLMAP crashed.
     """
     empty = check(capture, masks)
-    workspace = out / WORKSPACE
-    if workspace.exists():
-        shutil.rmtree(workspace)
-    workspace.mkdir(parents=True)
-    job = _job(capture, masks, config, workspace, threads)
-    try:
-        answer = run_worker(job, out / LOG_FILE, progress)
+    known = given_points.given_model(capture, config)
+    if known is None:
+        views, model, answer = _solve(capture, masks, config, out, soft, threads, progress)
+        source = "triangulated"
+    else:
+        source, answer = "given", _given_answer(capture, known)
         _require(capture, answer, config)
-        model = sparse.read_model(workspace / MODEL_FOLDER)
-        views, model, planes = assemble.write_views(capture, masks, model, out, soft)
-        assemble.write_keypoints(workspace / KEYPOINTS_FILE, planes, out / KEYPOINTS_FILE)
-    finally:
-        shutil.rmtree(workspace, ignore_errors=True)
+        views, model, _ = assemble.write_views(capture, masks, known, out, soft)
+        given_points.write_no_keypoints(capture, out / KEYPOINTS_FILE)
     points = assemble.vote(views, model)
-    extra = _report(capture, views, answer, empty) | {"points_source": "triangulated"}
+    extra = _report(capture, views, answer, empty) | {"points_source": source}
     on_object = len(sparse.on_object(points).xyz)
     if on_object < FEW_OBJECT_POINTS:
         extra["fallbacks"].append(
@@ -78,7 +78,7 @@ def reconstruct(
             f"{config.random_points} random ones added inside the masks' visual hull"
         )
         extra["points_source"] = (
-            "triangulated and random in the visual hull"
+            f"{source} and random in the visual hull"
             if len(points.xyz)
             else "random in the visual hull"
         )
@@ -87,13 +87,45 @@ def reconstruct(
         )
     extra["points"] = len(points.xyz)
     extra["object_points"] = len(sparse.on_object(points).xyz)
-    extra["triangulated"] = len(model.xyz)
-    sparse.write_model(model, out / "sparse" / "0")
+    extra["triangulated"] = len(model.xyz) if known is None else 0
+    colmap_model.write_model(model, out / "sparse" / "0")
     sparse.write_ply(points, out / "points.ply")
     scene = Scene(capture.name, out, views, extra)
     scene.save(points)
     figure.draw(scene, out / FIGURE_FILE)
     return scene
+
+
+def _solve(
+    capture: PreparedCapture,
+    masks: Path,
+    config: SfmConfig,
+    out: Path,
+    soft: Path | None,
+    threads: int,
+    progress: Progress,
+) -> tuple[tuple[View, ...], SparseModel, Answer]:
+    """Let COLMAP find what is not known, in a process of its own; write the scene's views."""
+    workspace = out / WORKSPACE
+    if workspace.exists():
+        shutil.rmtree(workspace)
+    workspace.mkdir(parents=True)
+    job = _job(capture, masks, config, workspace, threads)
+    try:
+        answer = run_worker(job, out / LOG_FILE, progress)
+        _require(capture, answer, config)
+        found = colmap_model.read_model(workspace / MODEL_FOLDER)
+        views, model, planes = assemble.write_views(capture, masks, found, out, soft)
+        assemble.write_keypoints(workspace / KEYPOINTS_FILE, planes, out / KEYPOINTS_FILE)
+    finally:
+        shutil.rmtree(workspace, ignore_errors=True)
+    return views, model, answer
+
+
+def _given_answer(capture: PreparedCapture, model: SparseModel) -> Answer:
+    """Say what a model that came with the capture holds."""
+    registered = [view.name for view in capture.views if view.camera is not None]
+    return Answer("given", registered=registered, models=1, points=len(model.xyz))
 
 
 def _job(
@@ -113,7 +145,8 @@ def _job(
                 pose = (*view.camera.rotation.ravel().tolist(), *view.camera.translation.tolist())
         mask = str(mask_path(masks, view).resolve())
         size = (view.width, view.height)
-        rows.append(JobView(view.name, str(view.photo.resolve()), mask, *size, intrinsics, pose))
+        photo = str(view.photo.resolve())
+        rows.append(JobView(view.name, photo, mask, *size, intrinsics, pose, view.focal))
     return Job(str(workspace.resolve()), tuple(rows), config.model_dump(mode="json"), threads)
 
 

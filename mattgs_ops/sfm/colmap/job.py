@@ -18,7 +18,10 @@ DATABASE_FILE = "database.db"
 
 @dataclass(frozen=True)
 class JobView:
-    """One photo with its mask; ``pose`` is (R row by row, t), world-to-camera, where known."""
+    """One photo with its mask; ``pose`` is (R row by row, t), world-to-camera, where known.
+
+    ``focal`` is the focal length in pixels that the photo's EXIF tells: where estimation starts.
+    """
 
     name: str
     photo: str
@@ -27,6 +30,7 @@ class JobView:
     height: int
     intrinsics: tuple[float, float, float, float] | None  # fx, fy, cx, cy of a known pinhole
     pose: tuple[float, ...] | None  # 12 numbers
+    focal: float | None = None
 
 
 @dataclass(frozen=True)

@@ -22,20 +22,25 @@ FOCAL_RANGE = (0.1, 10.0)
 
 
 def build_cameras(views: Sequence[JobView], config: SfmConfig) -> list[Any]:
-    """Return each view's pycolmap camera; views of one size, or one known pinhole, share one."""
+    """Return each view's pycolmap camera.
+
+    Views share one when they have one known pinhole, or else one size, orientation and focal length
+    in EXIF: so photos of both orientations, and of a lens that zooms, get cameras of their own.
+    """
     import pycolmap
 
     shared: dict[tuple[Any, ...], Any] = {}
     out = []
     for view in views:
-        key = (view.width, view.height, view.intrinsics)
+        key = (view.width, view.height, view.intrinsics, view.focal)
         if key not in shared:
             number = len(shared) + 1
             if view.intrinsics is None:
-                guess = FOCAL_GUESS * max(view.width, view.height)
+                guess = view.focal or FOCAL_GUESS * max(view.width, view.height)
                 camera = pycolmap.Camera.create_from_model_name(
                     number, config.camera_model, guess, view.width, view.height
                 )
+                camera.has_prior_focal_length = view.focal is not None
             else:
                 camera = pycolmap.Camera.create_from_model_name(
                     number, "PINHOLE", view.intrinsics[0], view.width, view.height

@@ -43,11 +43,26 @@ def test_a_name_is_the_captures_and_the_benchmarks(tmp_path: Path) -> None:
     assert (config.captures[0].kind, config.captures[0].masks) == ("auto", tmp_path / "m")
 
 
+def test_a_video_names_capture_and_benchmark_after_itself(tmp_path: Path) -> None:
+    (tmp_path / "my walk.mp4").write_bytes(b"")
+    config = benchmark_config(None, {"video": tmp_path / "my walk.mp4", "frames": 40})
+    (capture,) = config.captures
+    assert (config.name, capture.name, capture.kind, capture.frames) == (
+        "my-walk",
+        "my-walk",
+        "video",
+        40,
+    )
+
+
 @pytest.mark.parametrize(
     ("options", "says"),
     [
         ({"captures": ("robot",)}, "--captures.*'robot'.*rover, hexapod, lattepanda"),
         ({"photos": Path("a"), "capture": Path("b")}, "--photos and --capture"),
+        ({"photos": Path("a"), "video": Path("b")}, "--photos and --video"),
+        ({"photos": Path("a"), "frames": 9}, "--frames: goes with --video"),
+        ({"video": Path("a"), "frames": 2}, "`captures.0.frames`.*found 2"),
         ({"masks": Path("m")}, "--masks: goes with --photos"),
         ({"captures": ("rover",), "masks": Path("m")}, "not with bundled"),
         ({"iterations": 0}, "`iterations`.*found 0"),

@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from mattgs_ops.capture.camera import Camera, Intrinsics, from_opengl, to_opengl
+from mattgs_ops.capture.camera import (
+    Camera,
+    Intrinsics,
+    from_opengl,
+    quaternion_of,
+    rotation_of,
+    to_opengl,
+)
 
 PINHOLE = Intrinsics(width=8, height=6, fx=10.0, fy=12.0, cx=4.0, cy=3.0)
 
@@ -55,3 +62,20 @@ def test_opengl_there_and_back() -> None:
     back = from_opengl(to_opengl(rotation, translation))
     np.testing.assert_allclose(back[0], rotation, atol=1e-12)
     np.testing.assert_allclose(back[1], translation, atol=1e-12)
+
+
+def test_quaternions_and_rotations_are_inverse_also_for_half_turns() -> None:
+    rng = np.random.default_rng(0)
+    half_turns = [np.array(q) for q in ([0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1], [0, 0.6, 0, 0.8])]
+    for q in [*rng.normal(size=(50, 4)), *map(np.asarray, half_turns), np.array([1.0, 0, 0, 0])]:
+        rotation = rotation_of(q.astype(float))
+        assert np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
+        assert np.linalg.det(rotation) == pytest.approx(1)
+        back = quaternion_of(rotation)
+        assert back[0] >= 0
+        assert np.allclose(rotation_of(back), rotation, atol=1e-12)
+
+
+def test_a_quarter_turn_about_z_takes_x_to_y() -> None:
+    quarter = rotation_of(np.array([1.0, 0, 0, 1.0]))
+    assert np.allclose(quarter @ [1, 0, 0], [0, 1, 0])

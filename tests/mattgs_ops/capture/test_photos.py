@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from mattgs_ops.capture.photos import Photo, decode, has_exif_rotation, list_photos, on_white
+from mattgs_ops.capture.photos import (
+    Photo,
+    decode,
+    exif_focal,
+    exif_orientation,
+    list_photos,
+    on_white,
+)
 from mattgs_ops.errors import InputError
 
 ORIENTATION = 0x0112
@@ -54,7 +61,7 @@ def test_exif_orientation_is_baked_into_the_pixels(tmp_path: Path, orientation: 
     exif[ORIENTATION] = orientation
     Image.fromarray(rgb).save(tmp_path / "a.png", exif=exif)
     np.testing.assert_array_equal(decode(tmp_path / "a.png").rgb, UPRIGHT[orientation](rgb))
-    assert has_exif_rotation(tmp_path / "a.png") == (orientation != 1)
+    assert exif_orientation(tmp_path / "a.png") == orientation
 
 
 @pytest.mark.parametrize("suffix", ["png", "jpg", "tiff"])
@@ -142,7 +149,7 @@ def test_listing_sorts_by_name_and_passes_over_what_systems_leave(tmp_path: Path
     [
         ("notes.txt", "not an image; remove it or move it"),
         ("IMG_1.HEIC", "convert it to JPEG"),
-        ("walk.mov", "extract sharp frames"),
+        ("walk.mov", "give a video as --video FILE"),
         ("IMG_1.dng", "develop them"),
     ],
 )
@@ -154,10 +161,31 @@ def test_files_that_are_no_photos_are_named(tmp_path: Path, name: str, advice: s
     assert advice in problems[0]
 
 
-def test_a_folder_among_the_photos_is_named(tmp_path: Path) -> None:
-    (tmp_path / "more").mkdir()
-    _, problems = list_photos(tmp_path)
-    assert "more: a folder among the photos" in problems[0]
+def test_folders_are_read_and_their_links_do_not_go_in_circles(tmp_path: Path) -> None:
+    (tmp_path / "near" / "closer").mkdir(parents=True)
+    (tmp_path / "own").mkdir()
+    for name in ("b.png", "near/a.png", "near/closer/a.png", "own/m.png", "near/.cache.png"):
+        Image.fromarray(colours()).save(tmp_path / name)
+    (tmp_path / "near" / "back").symlink_to(tmp_path)
+    (tmp_path / "near" / "notes.txt").write_text("x")
+    photos, problems = list_photos(tmp_path, masks=tmp_path / "own")
+    found = [path.relative_to(tmp_path).as_posix() for path in photos]
+    assert found == ["b.png", "near/a.png", "near/closer/a.png"]
+    assert [problem.split(":")[0] for problem in problems] == [str(tmp_path / "near" / "notes.txt")]
+
+
+def test_the_focal_length_comes_from_the_35_mm_equivalent() -> None:
+    exif = Image.Exif()
+    assert exif_focal(exif, (400, 300)) is None
+    details = exif.get_ifd(0x8769)
+    details[0xA405] = 28
+    assert exif_focal(exif, (400, 300)) == pytest.approx(28 * 500 / np.hypot(36, 24))
+    details[0xA002], details[0xA003] = 4000, 3000
+    assert exif_focal(exif, (400, 300)) == pytest.approx(28 * 500 / np.hypot(36, 24))
+    assert exif_focal(exif, (300, 400)) is not None  # turned since, by a program that left EXIF
+    assert exif_focal(exif, (300, 300)) is None  # cut since: nobody knows from how much
+    details[0xA405] = 0  # unknown, says EXIF
+    assert exif_focal(exif, (400, 300)) is None
 
 
 def test_a_photo_without_suffix_is_found_by_its_content(tmp_path: Path) -> None:

@@ -198,6 +198,50 @@ def test_distortion_is_removed_from_photos_and_masks(tmp_path: Path) -> None:
     assert mask[0, 0] == 0
 
 
+def test_photos_of_all_sizes_and_both_orientations_are_taken(tmp_path: Path) -> None:
+    folder = write_photos(tmp_path / "in")
+    Image.fromarray(picture(4, WIDTH, HEIGHT)).save(folder / NAMES[4])
+    Image.fromarray(picture(5, 20, 30)).save(folder / NAMES[5])
+    views = run(folder, tmp_path / "out", max_size=40).views
+    assert [(v.width, v.height) for v in views[3:6]] == [(40, 30), (30, 40), (30, 20)]
+
+
+def test_photos_in_folders_keep_the_folder_in_their_name(tmp_path: Path) -> None:
+    for side in ("left", "right"):
+        write_photos(tmp_path / "in" / side, NAMES[:3])
+        (tmp_path / "in" / "masks" / side).mkdir(parents=True)
+        for name in NAMES[:3]:
+            Image.fromarray(disc()).save(tmp_path / "in" / "masks" / side / f"{name}.png")
+    capture = run(tmp_path / "in", tmp_path / "out")
+    names = [f"{side}__{name}" for side in ("left", "right") for name in NAMES[:3]]
+    assert [view.name for view in capture.views] == names
+    assert capture.masks_are == "given"
+    assert capture.views[4].photo == capture.folder / "photos" / f"right__{NAMES[1]}.png"
+    np.testing.assert_array_equal(pixels(capture.views[4].photo), picture(1))
+
+
+def test_a_focal_length_in_exif_is_scaled_with_the_photo(tmp_path: Path) -> None:
+    folder = write_photos(tmp_path / "in")
+    exif = Image.Exif()
+    exif[0x8769] = {0xA405: 43}  # mm, 35 mm equivalent: about the film's diagonal
+    Image.fromarray(picture(2)).save(folder / NAMES[2], exif=exif)
+    views = run(folder, tmp_path / "out", max_size=24).views
+    assert views[1].focal is None
+    assert views[2].focal == pytest.approx(43 / 43.267 * 30, rel=1e-3)  # diagonal of 24 x 18
+    assert PreparedCapture.load(tmp_path / "out").views[2].focal == views[2].focal
+
+
+def test_a_split_in_lists_beside_the_photos_is_kept(tmp_path: Path) -> None:
+    write_photos(tmp_path / "in" / "images")
+    (tmp_path / "in" / "train.txt").write_text("\n".join(NAMES[:6]))
+    (tmp_path / "in" / "test.txt").write_text(f"# held out\n{NAMES[7]}\nimages/{NAMES[8]}\n")
+    capture = run(tmp_path / "in", tmp_path / "out")
+    assert [v.name for v in capture.views if v.split == "train"] == NAMES[:6]
+    assert [v.name for v in capture.views if v.split == "test"] == [NAMES[7], NAMES[8]]
+    assert (capture.split_is, capture.left_out) == ("given", (NAMES[6], NAMES[9]))
+    assert PreparedCapture.load(tmp_path / "out") == capture
+
+
 def write_colmap(folder: Path, names: list[str]) -> Path:
     write_photos(folder / "images")
     model = folder / "sparse" / "0"
@@ -219,6 +263,47 @@ def test_colmap_photos_without_a_pose_stay_in_the_split(tmp_path: Path) -> None:
     assert camera.translation.tolist() == [0, 0, 1]
 
 
+def test_the_split_of_a_colmap_project_is_kept(tmp_path: Path) -> None:
+    folder = write_colmap(tmp_path / "in", NAMES)
+    (folder / "sparse" / "0" / "test.txt").write_text(f"{NAMES[3]}\n{NAMES[4]}\n")
+    capture = run(folder, tmp_path / "out")
+    assert [v.name for v in capture.views if v.split == "test"] == [NAMES[3], NAMES[4]]
+    assert capture.left_out == ()
+
+
+def test_points_of_a_colmap_project_come_along(tmp_path: Path) -> None:
+    folder = write_colmap(tmp_path / "in", NAMES)
+    model = folder / "sparse" / "0"
+    (model / "points3D.txt").write_text("7 1 2 3 10 20 30 0.5 1 0 2 0\n9 4 5 6 40 50 60 0.5 2 1\n")
+    rows = [f"{i + 1} 1 0 0 0 0 0 {i} 1 {name}\n" for i, name in enumerate(NAMES)]
+    seen = {0: "1 2 7\n", 1: "1 2 7 3 4 9\n"}
+    text = "".join(row + seen.get(i, "\n") for i, row in enumerate(rows))
+    (model / "images.txt").write_text(text)
+    points = run(folder, tmp_path / "out").points
+    assert points is not None
+    assert points.xyz.tolist() == [[1, 2, 3], [4, 5, 6]]
+    assert points.rgb.tolist() == [[10, 20, 30], [40, 50, 60]]
+    found = [(points.photos[photo], int(point)) for photo, point in points.seen]
+    assert found == [(NAMES[0], 0), (NAMES[1], 0), (NAMES[1], 1)]
+
+
+def test_points_of_a_ply_file_come_along(tmp_path: Path) -> None:
+    folder = write_transforms(tmp_path / "in", ply_file_path="cloud.ply")
+    header = "ply\nformat ascii 1.0\nelement vertex 2\n"
+    header += "".join(f"property float {axis}\n" for axis in "xyz") + "end_header\n"
+    (folder / "cloud.ply").write_text(header + "1 2 3\n4 5 6\n")
+    points = run(folder, tmp_path / "out").points
+    assert points is not None
+    assert points.xyz.tolist() == [[1, 2, 3], [4, 5, 6]]
+    assert len(points.seen) == 0
+
+
+def test_damaged_points_are_refused(tmp_path: Path) -> None:
+    folder = write_transforms(tmp_path / "in", ply_file_path="cloud.ply")
+    (folder / "cloud.ply").write_text("ply\nformat ascii 1.0\nelement vertex 2\n")
+    assert "cloud.ply: expected a PLY file of points" in refusal(folder, tmp_path / "out")
+
+
 def test_kind_overrides_what_was_detected(tmp_path: Path) -> None:
     capture = run(write_transforms(tmp_path / "in", NAMES[3:]), tmp_path / "out", kind="photos")
     assert capture.cameras_are == "none"
@@ -238,7 +323,7 @@ def test_bundled_captures_know_the_small_structures_of_test_views(tmp_path: Path
 def test_bundled_captures_hold_the_truth(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_transforms(tmp_path / "bundled" / "rover")
     write_masks(tmp_path / "bundled" / "rover" / "masks", disc())
-    monkeypatch.setattr("mattgs_ops.capture.prepare.BUNDLED_FOLDER", tmp_path / "bundled")
+    monkeypatch.setattr("mattgs_ops.capture.source.BUNDLED_FOLDER", tmp_path / "bundled")
     capture = prepare(CaptureConfig(name="rover"), tmp_path / "out", test_every=8)
     assert (capture.masks_are, capture.cameras_are) == ("truth", "truth")
     with pytest.raises(InputError, match="bundled capture is missing"):
@@ -273,15 +358,13 @@ def test_all_problems_are_named_at_once(tmp_path: Path) -> None:
     Image.fromarray(picture(1)[..., 0]).save(folder / NAMES[1])
     Image.fromarray(picture(2)[..., 0].astype(np.uint16) * 257).save(folder / NAMES[2])
     (folder / NAMES[3]).write_bytes((folder / NAMES[3]).read_bytes()[:500])
-    Image.fromarray(picture(4, WIDTH, HEIGHT)).save(folder / NAMES[4])
-    Image.fromarray(picture(5, 20, 30)).save(folder / NAMES[5])
+    (folder / NAMES[4]).write_bytes(b"")
     lines = refusal(folder, tmp_path / "out").splitlines()
     expected = {
         NAMES[1]: "grey photo",
         NAMES[2]: "16 bits per channel",
         NAMES[3]: "damaged or cut short",
-        NAMES[4]: "36x48, another orientation: 5 of 7 photos are 48x36; turn or remove it",
-        NAMES[5]: "30x20, another size: 5 of 7 photos are 48x36; resize or remove it",
+        NAMES[4]: "cannot be read as an image",
     }
     assert len(lines) == len(expected)
     for line, (name, problem) in zip(lines, expected.items(), strict=True):
@@ -294,6 +377,13 @@ def test_a_file_that_is_no_photo(tmp_path: Path) -> None:
     (folder / "notes.txt").write_text("x")
     message = refusal(folder, tmp_path / "out")
     assert f"{folder / 'notes.txt'}: not an image; remove it" in message
+
+
+def test_two_photos_of_one_name_are_refused(tmp_path: Path) -> None:
+    write_photos(tmp_path / "in" / "left", NAMES[:3])
+    write_photos(tmp_path / "in", [f"left__{NAMES[1]}"])
+    message = refusal(tmp_path / "in", tmp_path / "out")
+    assert f"both would be called left__{NAMES[1]}; rename one" in message
 
 
 def test_photos_beside_the_images_folder(tmp_path: Path) -> None:
@@ -333,9 +423,19 @@ def test_intrinsics_of_other_photos(tmp_path: Path) -> None:
 def test_exif_orientation_with_a_given_camera_is_ambiguous(tmp_path: Path) -> None:
     folder = write_transforms(tmp_path / "in")
     exif = Image.Exif()
-    exif[0x0112] = 3
+    exif[0x0112] = 3  # upside down: the size does not tell which way up the pose is
     Image.fromarray(picture(0)).save(folder / "images" / NAMES[0], exif=exif)
     assert f"{NAMES[0]}: turned by its EXIF orientation" in refusal(folder, tmp_path / "out")
+
+
+def test_exif_orientation_is_clear_where_the_cameras_size_tells_it(tmp_path: Path) -> None:
+    folder = write_transforms(tmp_path / "in")
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    sideways = Image.fromarray(np.ascontiguousarray(np.rot90(picture(0))))
+    sideways.save(folder / "images" / NAMES[0], exif=exif)
+    view = run(folder, tmp_path / "out").views[0]
+    np.testing.assert_array_equal(pixels(view.photo), picture(0))
 
 
 @pytest.mark.real_data
@@ -343,12 +443,20 @@ def test_exif_orientation_with_a_given_camera_is_ambiguous(tmp_path: Path) -> No
 def test_real_captures(tmp_path: Path, real_data: Path, name: str, masks_are: str) -> None:
     """The first nine frames of each, as published."""
     data = json.loads((real_data / name / "transforms.json").read_text())
-    data["frames"] = [
-        frame | {"file_path": str(real_data / name / frame["file_path"])}
-        for frame in data["frames"][:9]
-    ]
+    data["frames"] = data["frames"][:9]
+    (tmp_path / "images").symlink_to(real_data / name / "images")
     (tmp_path / "transforms.json").write_text(json.dumps(data))
     capture = run(tmp_path, tmp_path / "out", test_every=8, max_size=200)
     assert (capture.masks_are, capture.cameras_are) == (masks_are, "given")
     assert [view.split for view in capture.views] == ["test", *["train"] * 7, "test"]
     assert all(max(view.width, view.height) == 200 for view in capture.views)
+
+
+@pytest.mark.real_data
+def test_nerfs_own_layout_as_published(tmp_path: Path, real_data: Path) -> None:
+    capture = run(real_data / "lego_nerf", tmp_path / "out", max_size=50)
+    assert (capture.masks_are, capture.cameras_are) == ("alpha", "given")
+    assert capture.split_is == "given"
+    splits = [view.split for view in capture.views]
+    assert (splits.count("train"), splits.count("test")) == (100, 200)
+    assert capture.views[0].name == "test__r_0.png"

@@ -87,3 +87,78 @@ def test_masks_stay_binary() -> None:
 def test_coefficients_that_fold_the_photo_are_refused() -> None:
     with pytest.raises(InputError, match="check the coefficients"):
         undistortion(Lens(INTRINSICS, (-9.0, 40.0, 0.0, 0.0, 0.0)))
+
+
+# ---------------------------------------------------------------- rational and fisheye lenses
+
+RATIONAL = (0.3, -0.1, 0.002, -0.003, 0.02, 0.35, -0.05, 0.01)
+FISHEYE = (0.05, -0.01, 0.004, -0.001)
+WIDE = Intrinsics(*SIZE, fx=30.0, fy=31.0, cx=61.5, cy=44.0)  # 230 degrees across, as a fisheye
+
+
+def fisheye(i: Intrinsics, k: tuple[float, ...], plane: np.ndarray) -> np.ndarray:
+    """Kannala and Brandt's model, written out plainly."""
+    r = np.hypot(plane[:, 0], plane[:, 1])
+    t = np.arctan(r)
+    radius = t + k[0] * t**3 + k[1] * t**5 + k[2] * t**7 + k[3] * t**9
+    scale = np.where(r > 0, radius / np.maximum(r, 1e-12), 1.0)[:, None]
+    return plane * scale * [i.fx, i.fy] + [i.cx, i.cy]
+
+
+def grid(new: Intrinsics) -> np.ndarray:
+    rows, columns = np.mgrid[: new.height, : new.width]
+    u, v = columns.ravel() + 0.5, rows.ravel() + 0.5
+    return np.stack([(u - new.cx) / new.fx, (v - new.cy) / new.fy], 1)
+
+
+@pytest.mark.parametrize("intrinsics", [INTRINSICS, WIDE])
+def test_a_fisheye_reads_where_its_lens_put_it(intrinsics: Intrinsics) -> None:
+    result = undistortion(Lens(intrinsics, FISHEYE, fisheye=True))
+    expected = fisheye(intrinsics, FISHEYE, grid(result.intrinsics))
+    found = np.stack([result.map_x.ravel() + 0.5, result.map_y.ravel() + 0.5], 1)
+    np.testing.assert_allclose(found, expected, atol=2e-3)
+    assert found.min() >= 0.48
+    assert (found.max(axis=0) <= np.array(SIZE) - 0.48).all()
+
+
+def test_a_wide_fisheye_keeps_half_of_its_resolution_in_the_middle() -> None:
+    result = undistortion(Lens(WIDE, FISHEYE, fisheye=True))
+    assert result.intrinsics.fx == pytest.approx(WIDE.fx / 2)
+
+
+def test_a_rational_lens_reads_where_its_lens_put_it() -> None:
+    result = undistortion(Lens(INTRINSICS, RATIONAL))
+    plane = grid(result.intrinsics)
+    k1, k2, p1, p2, k3, k4, k5, k6 = RATIONAL
+    r2 = (plane**2).sum(1)
+    above, below = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3, 1 + k4 * r2 + k5 * r2**2 + k6 * r2**3
+    radial = above / below
+    x, y = plane.T
+    u = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+    v = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+    i = INTRINSICS
+    expected = np.stack([i.fx * u + i.cx, i.fy * v + i.cy], 1)
+    found = np.stack([result.map_x.ravel() + 0.5, result.map_y.ravel() + 0.5], 1)
+    np.testing.assert_allclose(found, expected, atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    "lens",
+    [
+        Lens(INTRINSICS),
+        Lens(INTRINSICS, LENSES["tangential"]),
+        Lens(INTRINSICS, RATIONAL),
+        Lens(INTRINSICS, FISHEYE, fisheye=True),
+        Lens(INTRINSICS, (), fisheye=True),
+    ],
+)
+def test_pixels_and_the_plane_are_inverse(lens: Lens) -> None:
+    pixels = np.random.default_rng(1).uniform([1, 1], [119, 89], (200, 2))
+    pixels[0] = [INTRINSICS.cx, INTRINSICS.cy]
+    np.testing.assert_allclose(lens.to_pixels(lens.to_plane(pixels)), pixels, atol=2e-3)
+    assert lens.to_plane(np.zeros((0, 2))).shape == (0, 2)
+
+
+def test_a_fisheyes_coefficients_that_fold_the_photo_are_refused() -> None:
+    with pytest.raises(InputError, match="check the coefficients"):
+        undistortion(Lens(WIDE, (-9.0, 0.0, 0.0, 0.0), fisheye=True))

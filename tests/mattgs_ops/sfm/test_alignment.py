@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mattgs_ops.capture.camera import Camera, Intrinsics
-from mattgs_ops.capture.sparse import rotation_of
+from mattgs_ops.capture.camera import Camera, Intrinsics, rotation_of
 from mattgs_ops.errors import InputError
 from mattgs_ops.sfm import alignment
 from mattgs_ops.sfm.alignment import Similarity

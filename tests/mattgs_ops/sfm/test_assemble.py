@@ -6,42 +6,16 @@ import cv2
 import numpy as np
 import pytest
 
-from mattgs_ops.capture.camera import Intrinsics
+from mattgs_ops.capture.formats.colmap_cameras import ColmapCamera
 from mattgs_ops.capture.scene import PreparedCapture, View
-from mattgs_ops.capture.sparse import ColmapCamera, SparseImage, SparseModel
+from mattgs_ops.capture.sparse import SparseImage, SparseModel
 from mattgs_ops.sfm import assemble
 
 SIZE = (320, 240)
 
 
-@pytest.mark.parametrize(
-    ("model", "params", "pinhole", "coefficients"),
-    [
-        ("SIMPLE_PINHOLE", (300.0, 160.0, 120.0), (300, 300, 160, 120), (0, 0, 0, 0, 0)),
-        ("PINHOLE", (300.0, 310.0, 160.0, 120.0), (300, 310, 160, 120), (0, 0, 0, 0, 0)),
-        ("SIMPLE_RADIAL", (300.0, 160.0, 120.0, 0.1), (300, 300, 160, 120), (0.1, 0, 0, 0, 0)),
-        ("RADIAL", (300.0, 160.0, 120.0, 0.1, 0.2), (300, 300, 160, 120), (0.1, 0.2, 0, 0, 0)),
-        (
-            "OPENCV",
-            (300.0, 310.0, 160.0, 120.0, 0.1, 0.2, 0.3, 0.4),
-            (300, 310, 160, 120),
-            (0.1, 0.2, 0.3, 0.4, 0),
-        ),
-    ],
-)
-def test_colmaps_parameters_are_read_in_its_order(
-    model: str,
-    params: tuple[float, ...],
-    pinhole: tuple[float, ...],
-    coefficients: tuple[float, ...],
-) -> None:
-    lens = assemble.lens_of(ColmapCamera(model, *SIZE, params))
-    assert lens.intrinsics == Intrinsics(*SIZE, *pinhole)
-    assert lens.coefficients == coefficients
-
-
 def test_the_largest_shift_is_that_of_the_farthest_corner() -> None:
-    lens = assemble.lens_of(ColmapCamera("SIMPLE_RADIAL", *SIZE, (400.0, 160.0, 120.0, -0.1)))
+    lens = ColmapCamera("SIMPLE_RADIAL", *SIZE, (400.0, 160.0, 120.0, -0.1)).lens()
     radius = 200 / 400  # the corner is 200 pixels from the centre
     assert assemble.largest_shift(lens) == pytest.approx(400 * 0.1 * radius**3)
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mattgs_ops import sfm
 from mattgs_ops.capture import sparse
+from mattgs_ops.capture.formats.colmap_model import read_model
 from mattgs_ops.capture.scene import PreparedCapture, Scene, View
 from mattgs_ops.config import SfmConfig
 from mattgs_ops.errors import StageError
@@ -72,7 +73,7 @@ def test_the_scene_reads_back_with_all_that_later_stages_need(box_scene: Scene) 
         assert (i.width, i.height) == (view.width, view.height) == (240, 180)
         assert read(view.photo).shape == (180, 240, 3)
         assert set(np.unique(read(view.mask))) == {0, 255}
-    model = sparse.read_model(scene.folder / "sparse" / "0")
+    model = read_model(scene.folder / "sparse" / "0")
     assert [c.model for c in model.cameras.values()] == ["PINHOLE"]
     assert len(model.xyz) == len(scene.points().xyz)
     for image in model.images.values():  # COLMAP's names are files beside the model
@@ -130,7 +131,7 @@ def test_masked_mode_sees_nothing_but_the_object(
     assert scene.extra["mode"] == "masked"
     assert scene.extra["registered"] >= 8
     assert set(scene.extra["matches"]) == {"masked"}
-    model = sparse.read_model(scene.folder / "sparse" / "0")
+    model = read_model(scene.folder / "sparse" / "0")
     masks = {view.photo.name: read(view.mask) for view in scene.views}
     for image in model.images.values():  # undistortion moves the edge by parts of a pixel
         assert sparse.inside(masks[image.name], image.xy, np.ones(len(image.xy))).mean() > 0.98

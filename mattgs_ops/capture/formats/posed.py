@@ -1,0 +1,68 @@
+"""What readers of captures with cameras return, and what all of them refuse."""
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mattgs_ops.capture.scene import Split
+from mattgs_ops.capture.undistortion import Lens
+from mattgs_ops.errors import InputError
+
+MOST_LISTED = 20  # problems told in one message
+
+
+@dataclass(frozen=True)
+class PosedPhoto:
+    """A photo's file with its lens and pose (``x_cam = rotation @ x + translation``)."""
+
+    photo: Path
+    lens: Lens
+    rotation: NDArray[np.float64]  # [3, 3]
+    translation: NDArray[np.float64]  # [3]
+    mask: Path | None = None
+
+
+@dataclass(frozen=True)
+class PosedCapture:
+    """Photos with cameras, sorted by file.
+
+    ``split`` says of each photo's file which view it is, where the capture says so; it is empty
+    otherwise. ``left_out`` are photos that a capture with a split puts into neither part.
+    ``points`` is a point cloud's file or a COLMAP model's folder, in the cameras' world. ``read``
+    are the files that said all this.
+    """
+
+    photos: tuple[PosedPhoto, ...]
+    split: Mapping[Path, Split] = field(default_factory=dict)
+    left_out: tuple[Path, ...] = ()
+    points: Path | None = None
+    read: tuple[Path, ...] = ()
+
+
+def path_inside(folder: Path, name: str, where: str) -> Path:
+    """Return ``folder / name``; raises :class:`InputError` when that leads out of ``folder``.
+
+    File names in a capture come from whoever made it, and must not name any other file of this
+    machine. Links that lie in the folder are followed: who put them there chose where they lead.
+    """
+    path = folder / name
+    inside = os.path.normpath(folder)
+    if os.path.commonpath([inside, os.path.normpath(path)]) != inside or "\0" in name:
+        raise InputError(
+            f"{where}: {name!r} leads out of {folder}; move the file into the capture's folder"
+        )
+    return path
+
+
+def raise_all(problems: Sequence[str], limit: int = MOST_LISTED) -> None:
+    """Raise one :class:`InputError` that lists all problems (the first ``limit``), if any."""
+    if not problems:
+        return
+    lines = list(problems[:limit])
+    if len(problems) > limit:
+        lines.append(f"… and {len(problems) - limit} more")
+    raise InputError("\n".join(lines))

@@ -15,12 +15,13 @@ from flows.grid import cells
 from flows.prefect_artifacts import ShownProgress, show_results
 from mattgs_ops.config import BenchmarkConfig, CaptureConfig
 from mattgs_ops.errors import MattgsError
+from mattgs_ops.naming import slug
 from reports.page.build import build
 from tasks import prefect_tasks as run
 from tasks.registry.live_curves import Expected, following
 from tasks.registry.record import close, close_orphans, promoted, record, record_summary
 from tasks.row import Outcome, Row, make_row, running_row, settings
-from tasks.stages.stage import Artifact, Cell, Place, slug
+from tasks.stages.stage import Artifact, Cell, Place
 from tasks.stages.status import StatusFile
 from tasks.train import training_title
 

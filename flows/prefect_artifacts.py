@@ -5,7 +5,6 @@ serve people only: a server that does not take them costs nothing but a warning.
 """
 
 import logging
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,11 +18,13 @@ from prefect.artifacts import (
     update_progress_artifact,
 )
 
+from mattgs_ops.naming import slug
+from mattgs_ops.progress import Throttle
 from reports.rows.schema import Row
 from reports.tables import formats
 from reports.tables.side_tables import all_tables
 
-PROGRESS_SECONDS = 5.0  # an update is an API call: at most one in this time
+PROGRESS_SECONDS = 5.0  # between two updates of a progress bar: each is an API call
 
 
 class ShownProgress:
@@ -32,20 +33,16 @@ class ShownProgress:
     def __init__(self, name: str, total: int) -> None:
         self._total = total
         self._name = name
-        self._shown = time.monotonic()
+        self._throttle = Throttle(PROGRESS_SECONDS)
         self._id: UUID | None = None
-        key = f"progress-{slug(name)}"
+        key = _key("progress", name)
         with _only_warned():
             made = create_progress_artifact(0.0, key=key, description=self._text(0, 0))
             self._id = cast(UUID, made)  # not a coroutine: no event loop runs here
 
     def show(self, done: int, failed: int) -> None:
         """Say how many experiments have ended, and how many of them failed."""
-        now = time.monotonic()
-        if self._id is None:
-            return
-        if done == self._total or now - self._shown >= PROGRESS_SECONDS:
-            self._shown = now
+        if self._id is not None and self._throttle.passes(done, self._total):
             share = 100.0 * done / self._total
             with _only_warned():
                 update_progress_artifact(self._id, share, description=self._text(done, failed))
@@ -70,12 +67,12 @@ def show_results(name: str, rows: list[Row], report: Path, address: str | None) 
         parts.append("\n".join(["**Failed**", "", *lines]))
     with _only_warned():
         create_markdown_artifact(
-            "\n\n".join(parts), key=f"tables-{slug(name)}", description=f"Tables of {name}"
+            "\n\n".join(parts), key=_key("tables", name), description=f"Tables of {name}"
         )
         create_link_artifact(
             address or report.resolve().as_uri(),
             link_text=f"Report of {name}",
-            key=f"report-{slug(name)}",
+            key=_key("report", name),
             description=f"{len(rows)} experiments, {len(failed)} failed; {report.resolve()}",
         )
 
@@ -88,6 +85,6 @@ def _only_warned() -> Iterator[None]:
         logging.getLogger("mattgs").warning("Prefect's interface was not told: %s", error)
 
 
-def slug(name: str) -> str:
-    """Turn a benchmark's name into letters, digits and dashes, as Prefect wants keys."""
-    return "".join(letter if letter.isalnum() else "-" for letter in name.lower()).strip("-")
+def _key(kind: str, name: str) -> str:
+    """Return the key of an artifact: letters, digits and dashes, as Prefect wants keys."""
+    return f"{kind}-{slug(name.lower(), keep='').strip('-')}"

@@ -1,16 +1,18 @@
 """What runs on a schedule: a grid, the segmenter's training, the gate; each as a Prefect flow.
 
-``prefect.yaml`` deploys them to a work pool, ``mattgs serve`` serves the same list from one
-process. Relative paths are taken from the folder that the worker or server was started in.
+``mattgs serve`` serves :data:`DEPLOYMENTS` from one process. ``prefect.yaml`` deploys the same to a
+work pool; it is generated: ``python -m flows.scheduled > prefect.yaml``. Relative paths are taken
+from the folder that the worker or server was started in.
 """
 
-import time
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
 from uuid import UUID
 
+import yaml
 from prefect import Flow, flow
 from prefect.artifacts import (
     create_link_artifact,
@@ -19,11 +21,17 @@ from prefect.artifacts import (
     update_progress_artifact,
 )
 
+from flows.cli.arguments import DEFAULT_OUT
 from mattgs_ops.errors import MattgsError
-from mattgs_ops.progress import Progress
+from mattgs_ops.progress import Progress, Throttle
 
-DEFAULT_OUT = Path("mattgs-out")
-PROGRESS_SECONDS = 5.0  # an update is an API call
+PROGRESS_SECONDS = 5.0  # between two updates of a progress bar: each is an API call
+WORK_POOL = "mattgs"  # prefect work-pool create --type process mattgs
+PREFECT_FILE_HEAD = """\
+# Written by `python -m flows.scheduled > prefect.yaml`; change flows/scheduled.py instead.
+# Deployments for a process work pool (docs/operations.md). `mattgs serve` serves the same ones from
+# one process. Paths are relative to the folder in which `prefect deploy` is run. Times are UTC.
+"""
 
 
 class GateError(MattgsError):
@@ -65,7 +73,7 @@ def segmenter(folder: Path, config: Path | None = None, out: Path = DEFAULT_OUT)
     settings = SegmentTrainConfig() if config is None else load_train_config(config)
     folder, out = folder.resolve(), out.resolve()
     tracking = embedded.tracking_uri(out)
-    onnx = train_segmenter(settings, folder, tracking, out, progress=_shown("segmenter"))
+    onnx = train_segmenter(settings, folder, tracking, out, progress=_progress_bar("segmenter"))
     create_link_artifact(
         onnx.as_uri(), key="segmenter", link_text=onnx.name, description="For `segment.model`"
     )
@@ -82,24 +90,22 @@ def gate(benchmark: str, baseline: str, out: Path = DEFAULT_OUT) -> None:
         raise GateError(f"the gate of {benchmark} did not pass (exit code {code}):\n{text}")
 
 
-def _shown(key: str) -> Progress:
+def _progress_bar(key: str) -> Progress:
     """Show a long operation's progress in Prefect's interface."""
-    made = cast(UUID, create_progress_artifact(0.0, key=f"progress-{key}"))
-    last = time.monotonic()
+    bar = cast(UUID, create_progress_artifact(0.0, key=f"progress-{key}"))
+    throttle = Throttle(PROGRESS_SECONDS)
 
-    def show(done: int, total: int, note: str) -> None:
-        nonlocal last
-        if done == total or time.monotonic() - last >= PROGRESS_SECONDS:
-            last = time.monotonic()
+    def update(done: int, total: int, note: str) -> None:
+        if throttle.passes(done, total):
             text = f"step {done} of {total}: {note}"
-            update_progress_artifact(made, 100.0 * done / total, description=text)
+            update_progress_artifact(bar, 100.0 * done / total, description=text)
 
-    return show
+    return update
 
 
 @dataclass(frozen=True)
-class Schedule:
-    """One deployment: a flow, when it runs (cron, UTC; None: when asked for), and with what."""
+class Deployment:
+    """A flow, when it runs (cron, UTC; None: on request), and with what parameters."""
 
     flow: Flow[..., None]
     name: str
@@ -107,54 +113,81 @@ class Schedule:
     description: str
     parameters: Mapping[str, Any] = field(default_factory=dict)
 
+    def __str__(self) -> str:
+        return f"{self.flow.name}/{self.name}"
 
-SCHEDULES = (
-    Schedule(
+
+DEPLOYMENTS = (
+    Deployment(
         grid,
         "nightly",
         "0 1 * * *",
         "The bundled captures at the quick setting",
         {"name": "nightly"},
     ),
-    Schedule(
+    Deployment(
         gate,
         "nightly",
         "0 7 * * *",
         "Last night's numbers against the baseline",
         {"benchmark": "nightly", "baseline": "baseline.json"},
     ),
-    Schedule(
+    Deployment(
         grid,
         "weekly",
         "0 8 * * 6",
         "The paper's 30,000 iterations",
         {"name": "weekly", "iterations": 30_000, "resolution": 640},
     ),
-    Schedule(
+    Deployment(
         segmenter,
         "training",
         None,
-        "U²-Net anew, when asked for",
+        "U²-Net anew, on request",
         {"folder": "mattgs-out/segmenter"},
     ),
 )
 
 
+def prefect_file() -> str:
+    """Return the text of ``prefect.yaml``: :data:`DEPLOYMENTS` for a process work pool."""
+    entries = []
+    for one in DEPLOYMENTS:
+        entry: dict[str, Any] = {
+            "name": one.name,
+            "entrypoint": f"flows/scheduled.py:{one.flow.fn.__name__}",
+            "description": one.description,
+        }
+        if one.cron is not None:
+            entry["schedules"] = [{"cron": one.cron}]
+        entry["parameters"] = dict(one.parameters)
+        entry["work_pool"] = {"name": WORK_POOL, "work_queue_name": "default"}
+        entry["concurrency_limit"] = 1
+        entries.append(entry)
+    content = {"name": "mattgs-bench", "deployments": entries}
+    text: str = yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
+    return PREFECT_FILE_HEAD + text
+
+
 def serve_all(names: frozenset[str], out: Path) -> None:
-    """Serve the schedules called ``FLOW/NAME`` in ``names``, or all, until Ctrl-C."""
+    """Serve the deployments called ``FLOW/NAME`` in ``names``, or all, until Ctrl-C."""
     from prefect import serve
     from prefect.deployments.runner import RunnerDeployment
 
     deployments = [
         RunnerDeployment.from_flow(
-            s.flow,
-            s.name,
-            cron=s.cron,
-            parameters={**s.parameters, "out": str(out)},
-            description=s.description,
+            one.flow,
+            one.name,
+            cron=one.cron,
+            parameters={**one.parameters, "out": str(out)},
+            description=one.description,
         )
-        for s in SCHEDULES
-        if not names or f"{s.flow.name}/{s.name}" in names
+        for one in DEPLOYMENTS
+        if not names or str(one) in names
     ]
     # one at a time: two grids at once would only slow each other down
     serve(*deployments, limit=1, print_starting_message=False)
+
+
+if __name__ == "__main__":
+    sys.stdout.write(prefect_file())

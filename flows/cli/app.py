@@ -8,10 +8,10 @@ from typing import Annotated
 import typer
 
 from flows.cli import gate, operate, results
+from flows.cli.arguments import DEFAULT_OUT, Out
 from mattgs_ops.errors import InputError, MattgsError
 
 EXIT_FAILED, EXIT_INPUT, EXIT_EXPERIMENTS, EXIT_INTERRUPTED = 1, 2, 3, 130
-DEFAULT_OUT = Path("mattgs-out")
 
 app = typer.Typer(
     help="Benchmark masked, attention-weighted 3D Gaussian Splatting against plain 3DGS on a CPU.",
@@ -19,8 +19,6 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-
-Out = Annotated[Path, typer.Option("--out", help="Folder for everything that is produced.")]
 
 
 @app.command()

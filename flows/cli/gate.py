@@ -6,13 +6,12 @@ from typing import Annotated
 
 import typer
 
+from flows.cli.arguments import DEFAULT_OUT, Out
 from mattgs_ops.errors import InputError, StageError
 from reports.gate.tolerances import Doubt
 
-DEFAULT_OUT = Path("mattgs-out")
 DEFAULT_BENCHMARK = "quick"
 
-Out = Annotated[Path, typer.Option("--out", help="Folder for everything that is produced.")]
 Config = Annotated[
     Path | None, typer.Option(help="Benchmark as a TOML file; it is run first, then judged.")
 ]

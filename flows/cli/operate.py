@@ -3,13 +3,11 @@
 Light at the top, as ``flows/cli/app.py``, which registers them.
 """
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
-Out = Annotated[Path, typer.Option("--out", help="Folder for everything that is produced.")]
-DEFAULT_OUT = Path("mattgs-out")
+from flows.cli.arguments import DEFAULT_OUT, Out
 
 
 def register(app: typer.Typer) -> None:

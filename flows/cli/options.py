@@ -9,10 +9,12 @@ from pydantic import ValidationError
 
 from mattgs_ops.config import BUNDLED, BenchmarkConfig, describe, load_toml
 from mattgs_ops.errors import InputError
+from mattgs_ops.naming import FILE_NAME, slug
 
 COMMAND_LINE = "command line"
 OWN_SOURCES = ("photos", "capture", "video")  # options that name a capture of the user's own
 SOURCES = (*OWN_SOURCES, "captures")
+LONGEST_NAME = 64  # of a capture, as `mattgs_ops.config.Slug` says
 
 
 def benchmark_config(file: Path | None, options: Mapping[str, Any]) -> BenchmarkConfig:
@@ -65,9 +67,9 @@ def size(text: str, option: str) -> tuple[int, int]:
     return int(found[1]), int(found[2])
 
 
-def slug(text: str) -> str:
+def capture_name(folder: str) -> str:
     """Turn any folder's name into one that a capture may have."""
-    return re.sub(r"[^A-Za-z0-9._+-]+", "-", text).strip("-._+")[:64] or "capture"
+    return slug(folder).strip(FILE_NAME)[:LONGEST_NAME] or "capture"
 
 
 def _captures(given: Mapping[str, Any]) -> list[dict[str, Any]] | None:
@@ -118,5 +120,5 @@ def _name_of(path: Path) -> str:
     """Name a capture after its folder, the folder around ``images``, or its video."""
     folder = path.resolve()
     if folder.is_file():
-        return slug(folder.stem)
-    return slug(folder.parent.name if folder.name == "images" else folder.name)
+        return capture_name(folder.stem)
+    return capture_name(folder.parent.name if folder.name == "images" else folder.name)

@@ -8,9 +8,8 @@ from typing import Annotated
 
 import typer
 
-DEFAULT_OUT = Path("mattgs-out")
+from flows.cli.arguments import DEFAULT_OUT, Out
 
-Out = Annotated[Path, typer.Option("--out", help="Folder for everything that is produced.")]
 RUN = "A run: its id, the beginning of its id, or its name in `mattgs ui`"
 Run = Annotated[str, typer.Argument(help=f"{RUN}.")]
 RunOrPly = Annotated[

@@ -11,12 +11,13 @@ from flows.services import embedded
 from flows.services.embedded import Services
 from mattgs_ops.config import BenchmarkConfig
 from mattgs_ops.errors import InputError
+from mattgs_ops.naming import slug
 from mattgs_ops.store.cleaning import in_use
 from mattgs_ops.store.remote import RemoteStore
 from mattgs_ops.store.store import Store
 from tasks.prepare import prepare
 from tasks.stages import status
-from tasks.stages.stage import Place, slug
+from tasks.stages.stage import Place
 
 
 def run_benchmark(config: BenchmarkConfig, out: Path) -> bool:

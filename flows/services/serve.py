@@ -1,4 +1,4 @@
-"""``mattgs serve``: all schedules from one process, with a Prefect server of its own if need be."""
+"""``mattgs serve``: all deployments from one process, with its own Prefect server if need be."""
 
 import os
 import subprocess
@@ -16,7 +16,7 @@ POLL_SECONDS = 0.2
 
 
 def serve(out: Path, port: int, names: list[str]) -> None:
-    """Serve until Ctrl-C; raises :class:`InputError` for a schedule that does not exist.
+    """Serve until Ctrl-C; raises :class:`InputError` for a deployment that does not exist.
 
     Without ``PREFECT_API_URL`` a Prefect server is started on ``port``, its database below ``out``;
     it ends with this process.
@@ -68,9 +68,9 @@ def _wait(process: "subprocess.Popen[bytes]", url: str, log: Path) -> None:
 
 
 def _check(names: list[str]) -> None:
-    from flows.scheduled import SCHEDULES
+    from flows.scheduled import DEPLOYMENTS
 
-    known = [f"{s.flow.name}/{s.name}" for s in SCHEDULES]
+    known = [str(one) for one in DEPLOYMENTS]
     for name in names:
         if name not in known:
             raise InputError(f"{name}: expected one of {', '.join(known)}")
@@ -79,13 +79,12 @@ def _check(names: list[str]) -> None:
 def _serve(url: str, names: list[str], out: Path) -> None:
     from prefect.settings import PREFECT_API_URL, temporary_settings
 
-    from flows.scheduled import SCHEDULES, serve_all
+    from flows.scheduled import DEPLOYMENTS, serve_all
 
     sys.stdout.write(f"Prefect: {url.removesuffix('/api')} (Ctrl-C ends)\n")
-    for schedule in SCHEDULES:
-        name = f"{schedule.flow.name}/{schedule.name}"
-        if not names or name in names:
-            sys.stdout.write(f"  {name:<20} {schedule.cron or 'when asked for'}\n")
+    for one in DEPLOYMENTS:
+        if not names or str(one) in names:
+            sys.stdout.write(f"  {one!s:<20} {one.cron or 'on request'}\n")
     sys.stdout.flush()
     with temporary_settings({PREFECT_API_URL: url}):
         serve_all(frozenset(names), out)

@@ -12,6 +12,7 @@ from dataclasses import replace
 from statistics import fmean, stdev
 from typing import Any
 
+from mattgs_ops.naming import slug
 from reports.rows import columns
 from reports.rows.columns import Column
 from reports.rows.groups import by_background, by_capture, condition_of, finished_of
@@ -56,8 +57,8 @@ def capture_tables(rows: Sequence[Row], values: paper.PaperValues | None = None)
         notes = [*holes, *protocol_notes(mine)]
         if quoted:
             notes += paper_notes(values)
-        slug = f"table-{number}-{_slug(capture)}"
-        table = make_table(slug, title, columns.PAPER, groups, notes)
+        name = f"table-{number}-{slug(capture.lower(), keep='-_.')}"
+        table = make_table(name, title, columns.PAPER, groups, notes)
         out.append(replace(table, number=columns.roman(number)))
     if out and values.values and not any(values.belong_to(key[1]) for key in settings):
         out[-1] = replace(out[-1], notes=(*out[-1].notes, *length_notes(values)))
@@ -133,7 +134,7 @@ def training_table(rows: Sequence[Row]) -> Table | None:
 
 def _conditions_table(
     rows: Sequence[Row],
-    slug: str,
+    name: str,
     title: str,
     wanted: Sequence[Column],
     note: str,
@@ -150,7 +151,7 @@ def _conditions_table(
         Group(label, tuple(lines_of(members, shown, holes, condition_of)))
         for label, members in (grouped or by_capture)(mine)
     ]
-    return make_table(slug, title, shown, groups, [*holes, note], "Condition")
+    return make_table(name, title, shown, groups, [*holes, note], "Condition")
 
 
 def _metric(row: Row, key: str) -> Any:
@@ -237,7 +238,7 @@ def _promoted_note(groups: Sequence[Group]) -> list[str]:
 
 
 def make_table(
-    slug: str,
+    name: str,
     title: str,
     shown: Sequence[Column],
     groups: Sequence[Group],
@@ -248,8 +249,4 @@ def make_table(
     heads = tuple(column.heading for column in shown)
     keys = tuple(column.key for column in shown)
     told = (*notes, *_promoted_note(groups))
-    return Table(slug, title, heads, keys, tuple(groups), told, first)
-
-
-def _slug(name: str) -> str:
-    return "".join(c if c.isalnum() or c in "-_." else "-" for c in name.lower())
+    return Table(name, title, heads, keys, tuple(groups), told, first)

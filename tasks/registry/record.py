@@ -8,10 +8,11 @@ from typing import Any
 
 from mattgs_ops.capture.scene import Scene
 from mattgs_ops.capture.scene_example import example
+from mattgs_ops.naming import slug
 from tasks.registry import interface_view, orphans, promotion, runs, summary
 from tasks.registry.live_curves import CURVE_FILE, read_curve
 from tasks.row import Row, scene_of
-from tasks.stages.stage import KEY_LETTERS, Artifact, Place, slug
+from tasks.stages.stage import KEY_LETTERS, Artifact, Place
 
 # Stage → what of its folder a run keeps → the folder in the run ("": the top)
 KEPT = {

@@ -17,6 +17,7 @@ from typing import Any
 import mattgs_ops
 import tasks
 from mattgs_ops.config import RunConfig
+from mattgs_ops.naming import slug
 from mattgs_ops.store import provenance
 from mattgs_ops.store.code_version import STAGES, code_version
 from mattgs_ops.store.store import Finished, Slot, Store, stage_key
@@ -201,8 +202,3 @@ def _source_times() -> tuple[tuple[str, int], ...]:
     roots = (Path(mattgs_ops.__file__).parent, Path(tasks.__file__).parent)
     sources = sorted(p for root in roots for p in root.rglob("*") if p.suffix in SOURCE_SUFFIXES)
     return tuple((str(path), path.stat().st_mtime_ns) for path in sources)
-
-
-def slug(title: str) -> str:
-    """Turn a title into a file name."""
-    return title.replace(" ", "-")

@@ -21,6 +21,8 @@ from pathlib import Path
 from socket import gethostname
 from typing import Literal
 
+from mattgs_ops.progress import Throttle
+
 State = Literal["waiting", "running", "interrupted", "done", "cached", "failed"]
 THROTTLE_SECONDS = 0.5  # a progress report is written at most this often
 
@@ -51,7 +53,7 @@ class StatusFile:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._last_write = 0.0
+        self._throttle = Throttle(THROTTLE_SECONDS)
 
     def plan(self, title: str, stage: str) -> None:
         """State that the stage is to run."""
@@ -65,10 +67,8 @@ class StatusFile:
 
     def progress(self, done: int, total: int, note: str) -> None:
         """Take an operation's report, see ``mattgs_ops/progress.py``."""
-        now = time.monotonic()
-        if now - self._last_write < THROTTLE_SECONDS and done < total:
+        if not self._throttle.passes(done, total):
             return
-        self._last_write = now
         status = read(self.path)
         if status is not None:
             self._write(replace(status, done=done, total=total, note=note, updated=time.time()))

@@ -1,4 +1,4 @@
-"""Schedules: the pool's file and the serving process say the same, and all of it can be loaded."""
+"""Deployments: the work pool's file is generated from the list, and all of it can be loaded."""
 
 import subprocess
 import sys
@@ -10,7 +10,7 @@ import yaml
 from prefect.client.schemas.schedules import CronSchedule
 from prefect.flows import load_flow_from_entrypoint
 
-from flows.scheduled import SCHEDULES
+from flows.scheduled import DEPLOYMENTS, prefect_file
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -20,21 +20,10 @@ def deployed() -> list[dict[str, Any]]:
     return list(yaml.safe_load(text)["deployments"])
 
 
-def test_the_pools_file_and_the_serving_process_say_the_same() -> None:
-    in_file = {
-        (entry["entrypoint"].rpartition(":")[2], entry["name"]): (
-            entry["description"],
-            [schedule["cron"] for schedule in entry.get("schedules", [])],
-            entry["parameters"],
-        )
-        for entry in deployed()
-    }
-    in_code = {
-        (s.flow.fn.__name__, s.name): (s.description, [s.cron] if s.cron else [], s.parameters)
-        for s in SCHEDULES
-    }
-    assert in_file == in_code
-    assert all(entry["work_pool"]["name"] == "mattgs" for entry in deployed())
+def test_the_work_pools_file_is_what_the_code_generates() -> None:
+    assert (ROOT / "prefect.yaml").read_text(encoding="utf-8") == prefect_file()
+    names = [f"{entry['entrypoint'].rpartition(':')[2]}/{entry['name']}" for entry in deployed()]
+    assert names == [str(one) for one in DEPLOYMENTS]
 
 
 @pytest.mark.parametrize("entry", deployed(), ids=lambda entry: entry["entrypoint"] + entry["name"])

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from flows.cli.options import benchmark_config, numbers, size, slug, words
+from flows.cli.options import benchmark_config, capture_name, numbers, size, words
 from mattgs_ops.errors import InputError
 
 
@@ -89,5 +89,5 @@ def test_lists_are_split_at_commas_and_blanks() -> None:
 
 
 def test_any_folder_name_becomes_a_valid_name() -> None:
-    assert slug("  my (best) cat! ") == "my-best-cat"
-    assert slug("???") == "capture"
+    assert capture_name("  my (best) cat! ") == "my-best-cat"
+    assert capture_name("???") == "capture"

@@ -10,7 +10,7 @@ import pytest
 from flows.cli import status
 from flows.grid import stages
 from mattgs_ops.config import BenchmarkConfig
-from tasks.stages.stage import slug
+from mattgs_ops.naming import slug
 from tasks.stages.status import StatusFile, read_all
 
 

@@ -203,6 +203,26 @@ def render(
     typer.echo(f"Capture: {out.resolve()}")
 
 
+@captures_app.command("evaluation")
+def render_evaluation(
+    out: Annotated[Path, typer.Argument(help="Folder of the sets, one capture each.")],
+    sets: Annotated[str | None, typer.Option(help="Some of them, OBJECT-GROUND,…")] = None,
+    views: Annotated[int, typer.Option(help="48, 24 or 12 of each walk.")] = 48,
+) -> None:
+    """Render the evaluation sets for masks: three objects on six grounds, exact masks.
+
+    What is there is kept: a later call adds views or sets (needs the extra `captures`).
+    """
+    from flows.cli.options import words
+    from flows.cli.terminal import bar
+    from mattgs_ops.synthetic import evaluation_sets
+
+    with bar("render evaluation sets") as progress:
+        names = words(sets) or evaluation_sets.NAMES
+        evaluation_sets.render_sets(out, names, views=views, progress=progress)
+    typer.echo(f"Evaluation sets: {out.resolve()}")
+
+
 segment_app = typer.Typer(help="The network that cuts objects out.", no_args_is_help=True)
 app.add_typer(segment_app, name="segment")
 

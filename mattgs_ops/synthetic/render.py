@@ -104,7 +104,7 @@ def render_capture(
         photo = photograph(tracer, camera, width, height, samples, seed * 10_007 + k, exposure)
         layers = tracer.layers(camera, width, height)
         PilImage.fromarray(photo).save(out / "images" / file, quality=QUALITY)
-        _save_mask(layers, out / "masks" / f"{file}.png")
+        save_mask(layers, out / "masks" / f"{file}.png")
         if k % TEST_EVERY == 0:
             _save_ids(layers, out / "ids" / f"{file}.png")
         frames.append(
@@ -117,7 +117,7 @@ def render_capture(
         progress(k + 1, views, f"{file}, {used}")
     made = {"name": name, "seed": seed, "samples": samples, "views": views, "variant": used}
     _save_object(world, made, out / "object.json")
-    _save_transforms(frames, width, height, out / "transforms.json")
+    save_transforms(frames, width, height, out / "transforms.json")
 
 
 def photograph(
@@ -144,7 +144,8 @@ def develop(light: NDArray[np.float32], exposure: float) -> NDArray[np.uint8]:
     return photo
 
 
-def _save_mask(layers: Layers, path: Path) -> None:
+def save_mask(layers: Layers, path: Path) -> None:
+    """Write a view's mask, 255 where the object covers at least half of the pixel."""
     mask = np.where(layers.coverage >= COVERED, 255, 0).astype(np.uint8)
     PilImage.fromarray(mask).save(path, optimize=True)
 
@@ -162,7 +163,8 @@ def _save_object(world: World, made: dict[str, object], path: Path) -> None:
     path.write_text(json.dumps(data) + "\n", encoding="utf-8")
 
 
-def _save_transforms(frames: list[dict[str, object]], width: int, height: int, path: Path) -> None:
+def save_transforms(frames: list[dict[str, object]], width: int, height: int, path: Path) -> None:
+    """Write nerfstudio's ``transforms.json`` of one pinhole."""
     pinhole = cameras.intrinsics(width, height)
     data = {
         "camera_model": "PINHOLE",

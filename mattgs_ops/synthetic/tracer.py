@@ -91,6 +91,14 @@ class Tracer:
                 }
             self.scene = mi.load_dict(entries | light)
 
+    def move_lamp(self, name: str, place: Array) -> None:
+        """Move a point light of the stage to ``place`` [3]."""
+        import mitsuba as mi
+
+        values = mi.traverse(self.scene)
+        values[f"{name}.position"] = [float(v) for v in place]
+        values.update()
+
     def render(
         self, camera_to_world: Array, width: int, height: int, samples: int, seed: int
     ) -> dict[str, NDArray[np.float32]]:

@@ -97,7 +97,7 @@ class Batches:
     def validation(self, size: int) -> list[tuple[Image, Image]]:
         """Draw the validation set: composites of another seed."""
         seed = self.config.seed + VALIDATION_SEED_SHIFT
-        source = Composites(seed, size, self.bank, self.backdrops, self.backdrop_share)
+        source = self._source(seed, size)
         return [source.sample(index) for index in range(self.config.validation_images)]
 
     def _folder(self, rng: np.random.Generator) -> Folder | None:
@@ -115,10 +115,12 @@ class Batches:
         key = (index, size)
         if key not in self._drawn:
             drawn = round(size * MARGIN)
-            source = Composites(
-                self.config.seed, drawn, self.bank, self.backdrops, self.backdrop_share
-            )
-            self._drawn[key] = source.sample(index)
+            self._drawn[key] = self._source(self.config.seed, drawn).sample(index)
             while len(self._drawn) > self.config.pool + 64:
                 self._drawn.popitem(last=False)
         return self._drawn[key]
+
+    def _source(self, seed: int, size: int) -> Composites:
+        return Composites(
+            seed, size, self.bank, self.backdrops, self.backdrop_share, self.config.world
+        )

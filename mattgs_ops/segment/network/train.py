@@ -30,7 +30,7 @@ from mattgs_ops.segment.network.preprocess import network_input
 from mattgs_ops.segment.network.train_config import SegmentTrainConfig, StageConfig
 from mattgs_ops.segment.network.u2net import U2Net, load_weights
 from mattgs_ops.segment.training_images.composites import Image
-from mattgs_ops.segment.training_images.path_traced import render_desks
+from mattgs_ops.segment.training_images.path_traced import render_places
 
 WARMUP = 50  # steps over which the rate of a leg rises from a tenth
 GRADIENT_LIMIT = 10.0  # norm; a guard against rare explosions early on, seldom active
@@ -65,7 +65,7 @@ def train(
     cv2.setNumThreads(1)  # not beside torch's threads on a shared machine
     torch.manual_seed(config.seed)
     if config.rendered:
-        render_desks(config.rendered, out / "rendered", progress=progress)
+        render_places(config.rendered, out / "rendered", progress=progress)
     batches = Batches(config, out / "rendered")
     run = _Run(config, out)
     run.resume()

@@ -20,6 +20,22 @@ class AugmentConfig(Frozen):
     flip_vertical: float = Field(0.1, ge=0, le=1)
 
 
+class WorldConfig(Frozen):
+    """What composites show; shares are of the painted ones, the rest are cluttered desks."""
+
+    plain: float = Field(0.4, ge=0, le=1, description="cloth, paper, bare tables, flash")
+    walls: float = Field(0.12, ge=0, le=1, description="irregular things in front of a wall")
+    figures: float = Field(0.3, ge=0, le=1, description="share of objects that are smooth figures")
+
+    @model_validator(mode="after")
+    def _at_most_all(self) -> "WorldConfig":
+        if self.plain + self.walls > 1:
+            raise ValueError(
+                f"plain and walls: expected at most 1 together, found {self.plain + self.walls:g}"
+            )
+        return self
+
+
 class FolderConfig(Frozen):
     """A user's own training data: photos, and masks named ``NAME.png`` after ``NAME``'s stem."""
 
@@ -31,10 +47,11 @@ class FolderConfig(Frozen):
 class RenderedConfig(Frozen):
     """Path-traced views to train on, made before the first step; see ``rendered``."""
 
-    desks: int = Field(4, ge=1)
-    objects: int = Field(6, ge=1, description="objects put on each desk, one after another")
+    desks: int = Field(4, ge=1, description="cluttered ones")
+    plain: int = Field(0, ge=0, description="cloths, sweeps, bare tables, dark rooms with flash")
+    objects: int = Field(6, ge=1, description="objects put on each place, one after another")
     views: int = Field(5, ge=1, description="of each object")
-    empty: int = Field(12, ge=1, description="views of each desk without an object")
+    empty: int = Field(12, ge=1, description="views of each place without an object")
     share: float = Field(0.3, gt=0, le=1, description="share of a batch that comes from the views")
     backdrops: float = Field(0.4, ge=0, le=1, description="share of composites painted on them")
     seed: int = Field(1234, ge=0)
@@ -62,6 +79,7 @@ class SegmentTrainConfig(Frozen):
         StageConfig(size=288, batch=4, steps=200, lr=4e-4, lr_end=1e-5),
     )
     composites: bool = Field(True, description="train on composites made on the fly")
+    world: WorldConfig = WorldConfig()
     reuse: int = Field(4, ge=1, description="times a composite is shown, differently augmented")
     pool: int = Field(400, ge=1, description="how many of the last composites are drawn from")
     rendered: RenderedConfig | None = Field(None, description="needs the `dev` extra")

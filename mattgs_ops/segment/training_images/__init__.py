@@ -1,5 +1,6 @@
 """Synthetic photos with exact masks, to train the segmenter on.
 
-``composites`` paints objects (``things``, ``solids``, ``organic``) over backdrops with ``draw`` and
-``textures``; ``path_traced`` renders views with Mitsuba; ``backdrops`` reads its empty desks.
+``composites`` paints objects (``things`` of flat ``solids``, smooth ``figures`` by
+``figure_families``, ``organic`` ones) with ``draw`` and ``textures`` on cluttered desks,
+``plain_grounds`` and traced ``backdrops``; ``path_traced`` renders views with Mitsuba.
 """

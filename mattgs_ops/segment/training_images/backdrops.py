@@ -1,4 +1,4 @@
-"""Path-traced desks without an object, with their cameras, for painting objects on."""
+"""Path-traced desks and grounds without an object, with their cameras, to paint objects on."""
 
 import json
 from dataclasses import dataclass
@@ -43,9 +43,9 @@ class Backdrop:
 
 
 def load_backdrops(folder: Path) -> tuple[Backdrop, ...]:
-    """Read what ``render_desks`` wrote; raises :class:`InputError` naming a missing image."""
+    """Read what ``render_places`` wrote; raises :class:`InputError` naming a missing image."""
     backdrops = []
-    for listing in sorted(folder.glob("desk*.json")):
+    for listing in sorted(folder.glob("place*.json")):
         for name, entry in json.loads(listing.read_text(encoding="utf-8")).items():
             image = cv2.imread(str(folder / "empty" / name))
             if image is None:

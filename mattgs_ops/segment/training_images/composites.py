@@ -7,23 +7,41 @@ The object is central, complete in the frame and larger than anything else: that
 means here. Holes in it show what is behind it and are not part of the mask.
 """
 
-from dataclasses import dataclass
+import sys
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mattgs_ops.segment.network.train_config import WorldConfig
 from mattgs_ops.segment.training_images.backdrops import Backdrop
 from mattgs_ops.segment.training_images.draw import Camera, Canvas, Light
+from mattgs_ops.segment.training_images.figure_families import random_figure
+from mattgs_ops.segment.training_images.figures import (
+    Figure,
+    draw_figure,
+    figure_shadow,
+)
 from mattgs_ops.segment.training_images.organic import organic_scene
-from mattgs_ops.segment.training_images.solids import Face, Paint
+from mattgs_ops.segment.training_images.plain_grounds import (
+    ground_light,
+    like_ground,
+    paint_ground,
+    random_ground,
+)
+from mattgs_ops.segment.training_images.solids import Array, Colour, Face, Paint
 from mattgs_ops.segment.training_images.textures import Bank
 from mattgs_ops.segment.training_images.things import OBJECTS, clutter
 
 Image = NDArray[np.uint8]
 SUPERSAMPLE = 2
-ORGANIC_SHARE = 0.15  # irregular things in front of a wall, photographed from the front
+SPAN = (0.4, 0.98)  # share of the frame's half that an object reaches
+CUT_SHARE = 0.06  # of objects that the frame's edge cuts
 ASPECTS = (4 / 3, 4 / 3, 3 / 4, 1.0, 16 / 9, 9 / 16)  # of the photo that is squashed to a square
+
+
+Thing = list[Face] | Figure
 
 
 @dataclass(frozen=True)
@@ -35,6 +53,7 @@ class Composites:
     bank: Bank
     backdrops: tuple[Backdrop, ...] = ()
     backdrop_share: float = 0.0
+    world: WorldConfig = field(default_factory=WorldConfig)
 
     def sample(self, index: int) -> tuple[Image, Image]:
         """Draw one sample; the same seed and index always give the same one."""
@@ -42,49 +61,90 @@ class Composites:
         side = self.size * SUPERSAMPLE
         if self.backdrops and rng.random() < self.backdrop_share:
             backdrop = self.backdrops[int(rng.integers(len(self.backdrops)))]
-            image, mask = traced_scene(rng, side, self.bank, backdrop)
-        elif rng.random() < ORGANIC_SHARE:
-            image, mask = organic_scene(rng, side, self.bank)
+            thing = random_thing(rng, self.world.figures)
+            image, mask = traced_scene(rng, side, self.bank, backdrop, thing)
         else:
-            image, mask = desk_scene(rng, side, self.bank)
+            image, mask = self._painted(rng, side)
         small = (self.size, self.size)
         image = cv2.resize(image, small, interpolation=cv2.INTER_AREA)
         mask = cv2.resize(mask, small, interpolation=cv2.INTER_AREA)
         return image, mask
 
+    def _painted(self, rng: np.random.Generator, side: int) -> tuple[Image, Image]:
+        draw = rng.random()
+        if draw < self.world.walls:
+            return organic_scene(rng, side, self.bank)
+        if draw < self.world.walls + self.world.plain:
+            return plain_scene(rng, side, self.bank, self.world.figures)
+        return desk_scene(rng, side, self.bank, random_thing(rng, self.world.figures))
 
-def desk_scene(rng: np.random.Generator, side: int, bank: Bank) -> tuple[Image, Image]:
+
+def random_thing(
+    rng: np.random.Generator, figures: float, colours: list[Colour] | None = None
+) -> Thing:
+    """Draw an object: a figure with the probability ``figures``, else one of ``things``."""
+    if rng.random() < figures:
+        return random_figure(rng, colours)
+    paint = Paint.random(rng)
+    paint.colours = colours or paint.colours
+    return OBJECTS[int(rng.integers(len(OBJECTS)))](rng, paint)
+
+
+def desk_scene(
+    rng: np.random.Generator, side: int, bank: Bank, thing: Thing
+) -> tuple[Image, Image]:
     """Draw an object on a desk, seen from somewhere above it."""
-    recipe = OBJECTS[int(rng.integers(len(OBJECTS)))]
-    thing = recipe(rng, Paint.random(rng))
-    camera = look_at(rng, side, thing)
+    camera = look_at(rng, side, points_of(thing))
     canvas = Canvas(side, camera, Light.random(rng), bank, rng)
     canvas.wall()
     canvas.plane("desk", rng.uniform(4, 9), 0.0)
     for _ in range(int(rng.integers(0, 9))):
         canvas.sheet(rng.normal(0, 1.6, 2), rng.uniform(0.3, 1.6, 2))
-    others = place_clutter(rng, camera, int(rng.integers(0, 14)))
-    canvas.shadows([*thing, *(f for faces in others for f in faces)])
+    draw_in_order(canvas, thing, place_clutter(rng, camera, int(rng.integers(0, 14))))
+    return canvas.image, canvas.mask
+
+
+def plain_scene(
+    rng: np.random.Generator, side: int, bank: Bank, figures: float
+) -> tuple[Image, Image]:
+    """Draw an object on cloth, paper or a bare table, at times of nearly the ground's colour."""
+    kind, colour = random_ground(rng)
+    colours = like_ground(rng, colour) if rng.random() < 0.35 else None
+    thing = random_thing(rng, figures, colours)
+    camera = look_at(rng, side, points_of(thing))
+    canvas = Canvas(side, camera, ground_light(rng, kind, camera.eye), bank, rng)
+    paint_ground(canvas, kind, colour)
+    others = place_clutter(rng, camera, int(rng.integers(1, 4)) if rng.random() < 0.15 else 0)
     draw_in_order(canvas, thing, others)
     return canvas.image, canvas.mask
 
 
 def traced_scene(
-    rng: np.random.Generator, side: int, bank: Bank, backdrop: Backdrop
+    rng: np.random.Generator, side: int, bank: Bank, backdrop: Backdrop, thing: Thing
 ) -> tuple[Image, Image]:
     """Draw an object, and at times painted clutter around it, on a path-traced desk."""
-    thing = OBJECTS[int(rng.integers(len(OBJECTS)))](rng, Paint.random(rng))
     camera = backdrop.camera(side, float(rng.uniform(9, 15)))
     canvas = Canvas(side, camera, Light.random(rng), bank, rng)
     canvas.image = backdrop.on_canvas(side)
-    others = place_clutter(rng, camera, int(rng.integers(0, 5)))
-    canvas.shadows([*thing, *(f for faces in others for f in faces)])
-    draw_in_order(canvas, thing, others)
+    draw_in_order(canvas, thing, place_clutter(rng, camera, int(rng.integers(0, 5))))
     return canvas.image, canvas.mask
 
 
-def draw_in_order(canvas: Canvas, thing: list[Face], others: list[list[Face]]) -> None:
-    """Draw the farther clutter, the object, the nearer clutter."""
+def points_of(thing: Thing) -> Array:
+    """Return points [K, 3] around an object."""
+    if isinstance(thing, Figure):
+        return thing.points
+    return np.concatenate([face.contours[0] for face in thing])
+
+
+def draw_in_order(canvas: Canvas, thing: Thing, others: list[list[Face]]) -> None:
+    """Draw shadows, the farther clutter, the object, the nearer clutter."""
+    cast = [] if isinstance(thing, Figure) else thing
+    standing = [*cast, *(face for faces in others for face in faces)]
+    if standing:
+        canvas.shadows(standing)
+    if isinstance(thing, Figure):
+        figure_shadow(canvas, thing)
     eye = canvas.camera.eye
     far = [float(np.linalg.norm(faces[0].contours[0].mean(0) - eye)) for faces in others]
     reach = float(np.linalg.norm(eye))
@@ -94,15 +154,20 @@ def draw_in_order(canvas: Canvas, thing: list[Face], others: list[list[Face]]) -
             canvas.draw(others[i], is_object=False)
     if canvas.rng.random() < 0.3:
         canvas.blur(float(canvas.rng.uniform(0.5, 2.0)))
-    canvas.draw(thing, is_object=True)
+    if isinstance(thing, Figure):
+        draw_figure(canvas, thing)
+    else:
+        canvas.draw(thing, is_object=True)
     for i in order:
         if far[i] < reach:
             canvas.draw(others[i], is_object=False)
 
 
-def look_at(rng: np.random.Generator, side: int, thing: list[Face]) -> Camera:
-    """Put a camera on an orbit so that the whole object is in the frame, near its middle."""
-    points = np.concatenate([face.contours[0] for face in thing])
+def look_at(rng: np.random.Generator, side: int, points: Array) -> Camera:
+    """Put a camera on an orbit around points [K, 3], which come to lie near the frame's middle.
+
+    Most are wholly in the frame, a few reach over its edge.
+    """
     middle = (points.min(0) + points.max(0)) / 2
     azimuth, elevation = rng.uniform(0, 2 * np.pi), np.radians(rng.uniform(8, 70))
     backward = np.array(
@@ -118,7 +183,7 @@ def look_at(rng: np.random.Generator, side: int, thing: list[Face]) -> Camera:
     eye = target + backward * radius * focal * 2.5
     camera = Camera.facing(eye, target, side, focal, aspect, rng.normal(0, 0.06))
     # move along the view axis until the object spans the wanted share of the frame
-    wanted = rng.uniform(0.5, 0.97)
+    wanted = rng.uniform(*SPAN) if rng.random() > CUT_SHARE else rng.uniform(1.0, 1.25)
     for _ in range(4):
         pixels, _ = camera.project(points)
         span = float(np.abs(pixels / side - 0.5).max()) * 2
@@ -142,3 +207,17 @@ def place_clutter(rng: np.random.Generator, camera: Camera, count: int) -> list[
             face.contours = [contour + spot for contour in face.contours]
         placed.append(faces)
     return placed
+
+
+def sheet(count: int = 30, columns: int = 10, size: int = 128, seed: int = 7) -> Image:
+    """Return a page [H, W, 3] of samples of the default shares, their masks beneath."""
+    source, rows = Composites(seed, size, Bank(seed)), []
+    for start in range(0, count, columns):
+        pairs = [source.sample(index) for index in range(start, start + columns)]
+        cells = [np.concatenate([image, np.repeat(mask[..., None], 3, 2)]) for image, mask in pairs]
+        rows.append(np.concatenate(cells, axis=1))
+    return np.concatenate(rows)
+
+
+if __name__ == "__main__":
+    cv2.imwrite(sys.argv[1], sheet()[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 85])

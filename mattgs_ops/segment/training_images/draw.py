@@ -123,18 +123,22 @@ class Canvas:
     def shadows(self, faces: list[Face]) -> None:
         """Darken the desk where faces stand between it and the light, and softly around them."""
         toward = self.light.direction
-        flat = [f.contours[0] - toward * (f.contours[0][:, 2:] / toward[2]) for f in faces]
-        shade = np.zeros((self.side, self.side), np.uint8)
-        pixels, depth = self.camera.project(np.concatenate(flat))
-        self._fill_all(shade, flat, pixels, depth)
+        contours = [face.contours[0] for face in faces]
+        thrown = [c - toward * (c[:, 2:] / toward[2]) for c in contours]
+        self.darken(thrown, [c * [1, 1, 0] for c in contours if c[:, 2].min() < 0.15])
+
+    def darken(self, thrown: list[Array], under: list[Array]) -> None:
+        """Darken convex polygons [K, 3] on the ground: shadows, and what lies under things."""
         sigma = self.light.softness * self.side / 160
-        dark = cv2.GaussianBlur(shade, (0, 0), sigma).astype(np.float32)
-        near = np.zeros_like(shade)
-        ground = [c * [1, 1, 0] for c in (f.contours[0] for f in faces) if c[:, 2].min() < 0.15]
-        if ground:
-            pixels, depth = self.camera.project(np.concatenate(ground))
-            self._fill_all(near, ground, pixels, depth)
-            dark = np.maximum(dark, 0.8 * cv2.GaussianBlur(near, (0, 0), 3 * sigma + 1))
+        dark = np.zeros((self.side, self.side), np.float32)
+        blurs = ((thrown, 1.0, sigma), (under, 0.8, 3 * sigma + 1))
+        for polygons, strength, blur in blurs:
+            if polygons:
+                shade = np.zeros((self.side, self.side), np.uint8)
+                pixels, depth = self.camera.project(np.concatenate(polygons))
+                self._fill_all(shade, polygons, pixels, depth)
+                soft = cv2.GaussianBlur(shade, (0, 0), blur).astype(np.float32)
+                dark = np.maximum(dark, strength * soft)
         kept = 1 - self.light.shadow * dark[..., None] / 255
         self.image = (self.image * kept).astype(np.uint8)
 

@@ -1,10 +1,11 @@
-"""Path-traced training images: random objects of ``things`` on the synthetic desks.
+"""Path-traced training images: random objects of ``things`` on synthetic desks and plain grounds.
 
 The painter of ``draw`` is fast and endless, but a network could learn to tell paint from light
-instead of object from desk. So a few dozen views are traced as the benchmark's captures are: other
-desks (other seeds), random objects, never one of the captures. Needs Mitsuba (the ``dev`` extra).
+instead of object from desk. So some views are traced as the benchmark's captures and evaluation
+sets are: other desks and grounds (other seeds), random objects, never one of theirs. Needs Mitsuba
+(the ``dev`` extra).
 
-``render_desks`` writes a folder::
+``render_places`` writes a folder::
 
     images/NAME.png  masks/NAME.png     views with an object, and its exact mask
     empty/NAME.png   empty/cameras.json views without, to paint objects on
@@ -13,7 +14,7 @@ desks (other seeds), random objects, never one of the captures. Needs Mitsuba (t
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -26,17 +27,21 @@ from mattgs_ops.segment.training_images.solids import Face, Paint
 from mattgs_ops.segment.training_images.textures import Bank
 from mattgs_ops.segment.training_images.things import OBJECTS
 
+if TYPE_CHECKING:  # Mitsuba is an extra
+    from mattgs_ops.synthetic.surroundings.grounds import Ground
+    from mattgs_ops.synthetic.tracer import Tracer
+
 WIDTH, HEIGHT = 224, 168
-SAMPLES = 20  # per pixel; what is left of the noise is smoothed away and drowned by augmentation
-EXPOSURE = 1.15
+SAMPLES = 6  # per pixel, the rest of the noise is filtered away
+PLAIN = ("black-cloth", "white-sweep", "wooden-table", "dark-flash")
 LIFT = 0.03  # centimetres that paint on a face floats above it
 CLEAR, REACH = 15.0, 50.0  # centimetres: free radius on the desk, distance of the nearest cameras
 NEAREST = 22.0  # centimetres from the eye to the middle of the object
 SPAN = (0.45, 0.96)  # share of the frame that a photographer gives the object
 
 
-def render_desks(config: RenderedConfig, out: Path, *, progress: Progress = no_progress) -> None:
-    """Trace all desks that are not there yet; a killed run goes on with the next desk.
+def render_places(config: RenderedConfig, out: Path, *, progress: Progress = no_progress) -> None:
+    """Trace all places that are not there yet; a killed run goes on with the next one.
 
     Raises :class:`InputError` when Mitsuba is not installed.
     """
@@ -51,46 +56,41 @@ def render_desks(config: RenderedConfig, out: Path, *, progress: Progress = no_p
         ) from error
     for folder in ("images", "masks", "empty"):
         (out / folder).mkdir(parents=True, exist_ok=True)
-    for desk in range(config.desks):
-        done = out / f"desk{desk:02d}.json"
+    places = config.desks + config.plain
+    for place in range(places):
+        done = out / f"place{place:02d}.json"
         if not done.is_file():
-            cameras = _desk(config, desk, out)
+            cameras = _place(config, place, out)
             done.write_text(json.dumps(cameras), encoding="utf-8")
-        progress(desk + 1, config.desks, "desks rendered")
+        progress(place + 1, places, "places rendered")
 
 
-def _desk(config: RenderedConfig, desk: int, out: Path) -> dict[str, Any]:
-    """Lay a desk, trace it empty and with ``objects`` objects one after another."""
-    from mattgs_ops.synthetic import tracer
+def _place(config: RenderedConfig, place: int, out: Path) -> dict[str, Any]:
+    """Build a place, trace it empty and with ``objects`` objects one after another."""
     from mattgs_ops.synthetic.surfaces.materials import Stage
-    from mattgs_ops.synthetic.surroundings import clutter
-    from mattgs_ops.synthetic.surroundings import desk as desks
+    from mattgs_ops.synthetic.tracer import Tracer
 
-    rng = np.random.default_rng((config.seed, desk))
-    bank = Bank(config.seed + desk)
-    tone = [int(v) for v in rng.uniform((110, 80, 60), (215, 190, 160))]
-    under = ((clutter.mat, *rng.normal(0, 3, 2), rng.uniform(0, 90)),) if desk % 2 else ()
-    layout = desks.Layout(CLEAR, REACH, (tone[0], tone[1], tone[2]), under)
-    bare = Stage()
-    top = desks.furnish(bare, rng, layout)
-    light = tracer.room_light(float(rng.uniform(0.8, 1.2)), float(rng.uniform(0, 360)))
+    rng = np.random.default_rng((config.seed, place))
+    bank = Bank(config.seed + place)
+    ground = _ground(config, place, rng)
     cameras: dict[str, Any] = {}
     for k in range(config.objects + 1):
-        stage = Stage({key: list(meshes) for key, meshes in bare.pieces.items()})
+        stage = Stage({key: list(meshes) for key, meshes in ground.stage.pieces.items()})
         points = None
         if k:
-            thing = OBJECTS[(desk * config.objects + k) % len(OBJECTS)](rng, Paint.random(rng))
+            thing = OBJECTS[(place * config.objects + k) % len(OBJECTS)](rng, Paint.random(rng))
             scale = float(rng.uniform(10, 14))
-            points = scale * np.concatenate([face.contours[0] for face in thing]) + [0, 0, top]
-            _put(stage, thing, top, scale, bank, rng)
-        scene = tracer.Tracer(stage, light)
+            corners = np.concatenate([face.contours[0] for face in thing])
+            points = scale * corners + [0, 0, ground.top]
+            _put(stage, thing, ground.top, scale, bank, rng)
+        scene = Tracer(stage, ground.light)
         count = config.views if k else config.empty
         for view in range(count):
-            name = f"{desk:02d}_{k:02d}_{view:02d}.png"
-            pose = _orbit(rng, top, view, count)
+            name = f"{place:02d}_{k:02d}_{view:02d}.png"
+            pose = _orbit(rng, ground.top, view, count)
             if points is not None:
                 pose = _framed(rng, pose, points)
-            image = _traced(scene, pose, int(rng.integers(1 << 30)))
+            image = _traced(scene, pose, ground, rng)
             folder = out / ("images" if k else "empty")
             cv2.imwrite(str(folder / name), image[..., ::-1])
             if k:
@@ -98,8 +98,21 @@ def _desk(config: RenderedConfig, desk: int, out: Path) -> dict[str, Any]:
                 mask = np.rint(coverage * 255).astype(np.uint8)
                 cv2.imwrite(str(out / "masks" / name), mask)
             else:
-                cameras[name] = {"top": top, "pose": pose.tolist()}
+                cameras[name] = {"top": ground.top, "pose": pose.tolist()}
     return cameras
+
+
+def _ground(config: RenderedConfig, place: int, rng: np.random.Generator) -> "Ground":
+    """Lay a desk, every second one with a mat under the object, or a plain ground after them."""
+    from mattgs_ops.synthetic.surroundings import clutter
+    from mattgs_ops.synthetic.surroundings.desk import Layout
+    from mattgs_ops.synthetic.surroundings.grounds import lay
+
+    if place >= config.desks:
+        return lay(PLAIN[(place - config.desks) % len(PLAIN)], rng)
+    r, g, b = (int(v) for v in rng.uniform((110, 80, 60), (215, 190, 160)))
+    under = ((clutter.mat, *rng.normal(0, 3, 2), rng.uniform(0, 90)),) if place % 2 else ()
+    return lay("cluttered-desk", rng, Layout(CLEAR, REACH, (r, g, b), under))
 
 
 def _orbit(rng: np.random.Generator, top: float, view: int, count: int) -> NDArray[np.float64]:
@@ -133,15 +146,18 @@ def _framed(
     return framed
 
 
-def _traced(scene: Any, pose: NDArray[np.float64], seed: int) -> NDArray[np.uint8]:
-    """Trace, expose, smooth what noise is left; [H, W, 3] uint8 RGB."""
-    light = scene.render(pose, WIDTH, HEIGHT, SAMPLES, seed)["light"]
-    exposed = 1 - np.exp(-EXPOSURE * np.maximum(light, 0))
-    curved = np.where(
-        exposed < 0.0031308, 12.92 * exposed, 1.055 * np.maximum(exposed, 1e-6) ** (1 / 2.4) - 0.055
-    )
-    image = (np.clip(curved, 0, 1) * 255).astype(np.uint8)
-    return np.asarray(cv2.bilateralFilter(image, 3, 18, 1.0), dtype=np.uint8)
+def _traced(
+    scene: "Tracer", pose: NDArray[np.float64], ground: "Ground", rng: np.random.Generator
+) -> NDArray[np.uint8]:
+    """Trace a view as the captures are; [H, W, 3] uint8 RGB."""
+    from mattgs_ops.synthetic.render import EXPOSURE, photograph
+    from mattgs_ops.synthetic.surroundings.grounds import FLASH
+
+    if ground.flash:
+        scene.move_lamp(FLASH, pose[:3, 3] + rng.uniform(3, 9) * pose[:3, 1])
+    exposure = EXPOSURE * float(np.exp(ground.spread * rng.normal()))
+    seed = int(rng.integers(1 << 30))
+    return photograph(scene, pose, WIDTH, HEIGHT, SAMPLES, seed, exposure)
 
 
 def _put(

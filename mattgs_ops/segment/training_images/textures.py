@@ -173,7 +173,7 @@ _MAKERS: dict[str, tuple[_Maker, ...]] = {
 
 
 class Bank:
-    """Patterns by use: ``object``, ``desk``, ``sheet``, ``wall``; made once from a seed."""
+    """Patterns by use: ``object``, ``desk``, ``sheet``, ``wall``, ``folds``; made from a seed."""
 
     def __init__(self, seed: int, per_maker: int = 3) -> None:
         rng = np.random.default_rng(seed)
@@ -183,6 +183,7 @@ class Bank:
         }
         brushed = [fractal(rng, 0.9, 32) for _ in range(per_maker)]
         self.patterns["object"] += brushed
+        self.patterns["folds"] = [fractal(rng, 0.35, 1 + k % 3) for k in range(2 * per_maker)]
 
     def pick(self, rng: np.random.Generator, use: str) -> Pattern:
         """Return a random pattern for a use."""

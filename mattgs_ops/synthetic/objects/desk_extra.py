@@ -1,6 +1,6 @@
 """Other objects on another desk: a toy crane, a camera and a stack of blocks on a tray.
 
-For tests and for training the segmenter only: it shares no object with the three captures.
+For tests and evaluation sets only: it shares no object with the three captures.
 """
 
 import numpy as np

@@ -188,6 +188,9 @@ def test_configuration_from_toml(tmp_path: Path) -> None:
     path.write_text("composites = false\n")
     with pytest.raises(InputError, match="found neither"):
         load_train_config(path)
+    path.write_text("[world]\nplain = 0.7\nwalls = 0.5\n")
+    with pytest.raises(InputError, match=r"world.*at most 1 together, found 1\.2"):
+        load_train_config(path)
     with pytest.raises(InputError, match="expected a readable TOML file"):
         load_train_config(tmp_path / "none.toml")
 

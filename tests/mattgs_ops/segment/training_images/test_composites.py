@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from mattgs_ops.segment.network.train_config import WorldConfig
 from mattgs_ops.segment.training_images.backdrops import Backdrop
 from mattgs_ops.segment.training_images.composites import Composites
 from mattgs_ops.segment.training_images.draw import Camera, Canvas, Light, near_clipped
@@ -46,7 +47,23 @@ def test_objects_are_central_complete_and_of_sensible_size(bank: Bank) -> None:
     assert min(shares) > 0.005
     assert max(shares) < 0.7
     assert np.median(offsets) < 0.12
-    assert touching <= 2
+    assert 0 < touching <= 4  # a few reach over the frame's edge
+
+
+def test_shares_say_which_worlds_are_painted(bank: Bank) -> None:
+    plain = Composites(1, 32, bank, world=WorldConfig(plain=1.0, walls=0.0, figures=1.0))
+    desks = Composites(1, 32, bank, world=WorldConfig(plain=0.0, walls=0.0, figures=0.0))
+
+    def unrest(source: Composites) -> float:
+        """Return the median, over samples, of the ground's differences from pixel to pixel."""
+        steps = []
+        for index in range(6):
+            image, mask = source.sample(index)
+            rough = np.abs(np.diff(image.astype(float), axis=1)).mean(2)
+            steps.append(rough[mask[:, 1:] == 0].mean())
+        return float(np.median(steps))
+
+    assert unrest(plain) < 0.5 * unrest(desks)
 
 
 @pytest.mark.parametrize("recipe", sorted(set(OBJECTS), key=lambda r: r.__name__))

@@ -1,0 +1,67 @@
+"""Plain grounds look like what they are called."""
+
+import numpy as np
+import pytest
+
+from mattgs_ops.segment.training_images.draw import Camera, Canvas, Light
+from mattgs_ops.segment.training_images.plain_grounds import (
+    KINDS,
+    Kind,
+    ground_light,
+    like_ground,
+    paint_ground,
+    random_ground,
+)
+from mattgs_ops.segment.training_images.textures import Bank
+
+SIDE = 64
+EYE = np.array([0, -3.0, 2.0])
+
+
+@pytest.fixture(scope="module")
+def bank() -> Bank:
+    return Bank(0, per_maker=1)
+
+
+def painted(bank: Bank, kind: Kind, colour: tuple[float, float, float], seed: int) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    camera = Camera.facing(EYE, np.zeros(3), SIDE, 1.0, 1.0, 0.0)
+    canvas = Canvas(SIDE, camera, ground_light(rng, kind, EYE), bank, rng)
+    paint_ground(canvas, kind, colour)
+    return canvas.image.astype(float)
+
+
+def test_black_cloth_is_dark_and_a_sweep_is_bright(bank: Bank) -> None:
+    for seed in range(4):
+        assert painted(bank, "black", (0.03, 0.03, 0.03), seed).mean() < 25
+        assert painted(bank, "sweep", (0.9, 0.9, 0.9), seed).mean() > 130
+
+
+def test_a_flash_leaves_the_far_wall_dark(bank: Bank) -> None:
+    shares = []
+    for seed in range(6):
+        image = painted(bank, "flash", (0.6, 0.6, 0.6), seed)
+        shares.append(image[:6].mean() / max(1.0, image[40:].mean()))
+    assert np.median(shares) < 0.6
+
+
+def test_a_flash_shines_from_the_camera_and_other_lamps_from_above() -> None:
+    rng = np.random.default_rng(1)
+    flash = ground_light(rng, "flash", EYE)
+    assert flash.direction @ EYE / np.linalg.norm(EYE) > 0.9
+    assert flash.ambient < 0.25
+    other: Light = ground_light(rng, "table", EYE)
+    assert np.linalg.norm(other.direction) == pytest.approx(1)
+
+
+def test_colours_like_the_ground_are_near_it_but_not_it() -> None:
+    rng = np.random.default_rng(2)
+    for _ in range(20):
+        for colour in like_ground(rng, (0.5, 0.5, 0.5)):
+            away = np.abs(np.array(colour) - 0.5).mean()
+            assert 0.02 < away < 0.3
+
+
+def test_every_kind_is_drawn() -> None:
+    rng = np.random.default_rng(3)
+    assert {random_ground(rng)[0] for _ in range(200)} == set(KINDS)

@@ -1,5 +1,6 @@
-"""A sparse model from cameras and points that came with the capture: nothing is left to find."""
+"""What came with a capture and is no longer to be found: cameras, and perhaps points."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -38,12 +39,24 @@ def given_model(capture: PreparedCapture, config: SfmConfig) -> SparseModel | No
         ahead = depth > 0
         pose = view.camera.rotation, view.camera.translation
         images[number] = SparseImage(view.photo.name, lens, *pose, xy[ahead], rows[ahead])
-    cameras = {
-        number: ColmapCamera("PINHOLE", i.width, i.height, (i.fx, i.fy, i.cx, i.cy))
-        for i, number in numbers.items()
-    }
+    cameras = {number: _pinhole(intrinsics) for intrinsics, number in numbers.items()}
     unknown = np.full(len(points.xyz), NO_ERROR)
     return SparseModel(cameras, images, points.xyz, points.rgb, unknown)
+
+
+def with_held_out(model: SparseModel, capture: PreparedCapture) -> SparseModel:
+    """Add the held-out views, whose cameras came with the capture, to a model of the others."""
+    cameras, images = dict(model.cameras), dict(model.images)
+    none = np.zeros((0, 2)), np.zeros(0, dtype=np.int64)
+    for view in capture.views:
+        if view.split != "test" or view.camera is None:
+            continue
+        camera = _pinhole(view.camera.intrinsics)
+        number = next((n for n, c in cameras.items() if c == camera), max(cameras, default=0) + 1)
+        cameras[number] = camera
+        pose = view.camera.rotation, view.camera.translation
+        images[max(images, default=0) + 1] = SparseImage(view.photo.name, number, *pose, *none)
+    return replace(model, cameras=cameras, images=images)
 
 
 def write_no_keypoints(capture: PreparedCapture, path: Path) -> None:
@@ -52,6 +65,10 @@ def write_no_keypoints(capture: PreparedCapture, path: Path) -> None:
     counts = np.zeros(len(names), dtype=np.int64)
     xy, inside = np.zeros((0, 2), dtype=np.float32), np.zeros(0, dtype=bool)
     np.savez_compressed(path, names=names, counts=counts, xy=xy, inside=inside)
+
+
+def _pinhole(i: Intrinsics) -> ColmapCamera:
+    return ColmapCamera("PINHOLE", i.width, i.height, (i.fx, i.fy, i.cx, i.cy))
 
 
 def _seen_by(points: GivenPoints) -> dict[str, NDArray[np.int64]]:

@@ -25,7 +25,7 @@ from mattgs_ops.capture.sparse import SparseModel
 from mattgs_ops.config import SfmConfig
 from mattgs_ops.errors import StageError
 from mattgs_ops.progress import Progress, no_progress
-from mattgs_ops.sfm import alignment, assemble, figure, given_points, visual_hull
+from mattgs_ops.sfm import alignment, assemble, figure, given_points, lost_views, visual_hull
 from mattgs_ops.sfm.checks import check, mask_path
 from mattgs_ops.sfm.colmap.job import KEYPOINTS_FILE, MODEL_FOLDER, Answer, Job, JobView
 from mattgs_ops.sfm.colmap.process import run_worker
@@ -115,6 +115,10 @@ def _solve(
         answer = run_worker(job, out / LOG_FILE, progress)
         _require(capture, answer, config)
         found = colmap_model.read_model(workspace / MODEL_FOLDER)
+        if job.poses_known:
+            found = given_points.with_held_out(found, capture)
+            posed = {image.name for image in found.images.values()}
+            answer.registered = [v.name for v in capture.views if v.photo.name in posed]
         views, model, planes = assemble.write_views(capture, masks, found, out, soft)
         assemble.write_keypoints(workspace / KEYPOINTS_FILE, planes, out / KEYPOINTS_FILE)
     finally:
@@ -135,8 +139,8 @@ def _job(
     keep_poses = given and config.poses == "auto"
     rows = []
     for view in capture.views:
-        if keep_poses and view.camera is None:
-            continue  # stays without a camera, and is reported
+        if keep_poses and (view.camera is None or view.split == "test"):
+            continue  # without a camera it stays so; a held-out photo shapes no point
         intrinsics = pose = None
         if given and view.camera is not None:
             i = view.camera.intrinsics
@@ -151,24 +155,15 @@ def _job(
 
 
 def _require(capture: PreparedCapture, answer: Answer, config: SfmConfig) -> None:
-    """Refuse a model of too few views, naming those that are missing."""
+    """Refuse a model of too few views, naming those that are missing and why."""
     share = len(answer.registered) / len(capture.views)
     if share >= config.min_registered:
         return
-    missing = [
-        f"{name} ({answer.keypoints.get(name, (0, 0))[0]} key points)"
-        for name in _missing(capture, answer)
-    ]
     raise StageError(
-        f"structure-from-motion registered {len(answer.registered)} of {len(capture.views)} views "
-        f"({share:.0%}), expected at least {config.min_registered:.0%}; not registered: "
-        + ", ".join(missing)
+        f"structure-from-motion placed {len(answer.registered)} of {len(capture.views)} views "
+        f"({share:.0%}), expected at least {config.min_registered:.0%}\n"
+        + "\n".join(lost_views.warnings(capture, answer))
     )
-
-
-def _missing(capture: PreparedCapture, answer: Answer) -> list[str]:
-    registered = set(answer.registered)
-    return [view.name for view in capture.views if view.name not in registered]
 
 
 def _report(
@@ -177,17 +172,15 @@ def _report(
     """Everything that a reader of the results may ask of this stage."""
     counts = answer.keypoints
     whole, masked = (sum(c[k] for c in counts.values()) for k in (0, 1))
-    missing = [
-        {"name": n, "keypoints": counts.get(n, (0, 0))[0], "masked": counts.get(n, (0, 0))[1]}
-        for n in _missing(capture, answer)
-    ]
     return {
         "mode": answer.mode,
         "poses": "given" if "map" not in answer.seconds else "estimated",
         "registered": len(answer.registered),
         "views": len(capture.views),
         "registered_share": len(answer.registered) / len(capture.views),
-        "missing": missing,
+        "missing": [view.to_json() for view in lost_views.lost_views(capture, answer)],
+        "second_groups": lost_views.second_groups(answer),
+        "warnings": lost_views.warnings(capture, answer),
         "empty_masks": empty,
         "models": answer.models,
         "keypoints": {"original": whole, "masked": masked},

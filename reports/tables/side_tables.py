@@ -82,7 +82,8 @@ def _incidents(rows: Sequence[Row]) -> list[str]:
             told[f"{name}: {step}."] = None
         for view in registration.get("lost") or ():
             counts = f"{view['keypoints']} key points, {view['masked']} of them in its mask"
-            told[f"{name}: {view['name']} was not registered; it has {counts}."] = None
+            why = f": it {view['reason']}" if view.get("reason") else ""
+            told[f"{name}: {view['name']} was not registered{why}; it has {counts}."] = None
         reason = (registration.get("agreement") or {}).get("none")
         if reason:
             told[f"{name}: masks were not voted on: {reason}."] = None

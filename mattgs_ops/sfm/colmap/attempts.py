@@ -19,7 +19,7 @@ from mattgs_ops.progress import Progress
 from mattgs_ops.sfm.colmap import features, guided_matching, mapping, matching
 from mattgs_ops.sfm.colmap.features import Features
 from mattgs_ops.sfm.colmap.job import DATABASE_FILE, KEYPOINTS_FILE, MODEL_FOLDER, Answer, Job
-from mattgs_ops.sfm.colmap.matching import Matches, Pair, Verified
+from mattgs_ops.sfm.colmap.matching import Matches, Pair, Verified, partners
 
 # Each step's share of the work, for one bar over all of them (measured at 48 views, 640×480)
 SHARES = {"extract": 0.3, "match": 0.5, "map": 0.1, "guide": 0.07, "triangulate": 0.03}
@@ -122,9 +122,7 @@ def attempt(state: Attempt, better_than: Answer | None = None) -> None:
         found = _extract(state)
     model = _reconstruct(state, [f.of_mode(state.answer.mode) for f in found])
     answer = state.answer
-    answer.registered = [
-        state.job.views[number - 1].name for number in sorted(model.reg_image_ids())
-    ]
+    answer.registered = _names(state.job, model)
     answer.points = model.num_points3D()
     if answer.points:
         answer.reprojection_error = float(model.compute_mean_reprojection_error())
@@ -133,6 +131,11 @@ def attempt(state: Attempt, better_than: Answer | None = None) -> None:
         folder.mkdir(exist_ok=True)
         model.write_binary(folder)
         _write_keypoints(state, found)
+
+
+def _names(job: Job, model: Any) -> list[str]:
+    """Return the names of a model's views."""
+    return [job.views[number - 1].name for number in sorted(model.reg_image_ids())]
 
 
 def _extract(state: Attempt) -> list[Features]:
@@ -203,6 +206,8 @@ def _match(state: Attempt, found: Sequence[Features], cameras: Sequence[Any]) ->
         )
     answer.pairs[name] = len(pairs)
     answer.matches[name] = sum(len(v.matches) for v in out.values())
+    inliers = {pair: len(v.matches) for pair, v in out.items()}
+    answer.partners = partners(inliers, [view.name for view in job.views])
     if not out:
         raise StageError(
             f"matching: none of {len(pairs)} pairs of views shows the same scene "
@@ -287,5 +292,6 @@ def _map(state: Attempt, database: Path, photos: Path, options: Any, *, known: b
             "photos from different positions of a textured, unmoving scene"
         )
     state.answer.models = len(models)
+    state.answer.components = [_names(state.job, model) for model in models]
     state.answer.mapped_points = models[0].num_points3D()
     return models[0]

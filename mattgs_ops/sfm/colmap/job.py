@@ -83,6 +83,9 @@ class Answer:
     seconds: dict[str, float] = field(default_factory=dict)  # by step, on the wall
     cpu_seconds: dict[str, float] = field(default_factory=dict)  # by step, of this process
     registered: list[str] = field(default_factory=list)
+    components: list[list[str]] = field(default_factory=list)  # views by model, largest first
+    # by view: photos that match it after verification with their inliers, best first
+    partners: dict[str, list[tuple[str, int]]] = field(default_factory=dict)
     models: int = 0
     points: int = 0
     mapped_points: int = 0  # before points were triangulated again with poses held fixed
@@ -99,4 +102,5 @@ class Answer:
         """Read the answer."""
         data = json.loads((workspace / ANSWER_FILE).read_text(encoding="utf-8"))
         data["keypoints"] = {k: tuple(v) for k, v in data["keypoints"].items()}
+        data["partners"] = {k: [(n, c) for n, c in v] for k, v in data["partners"].items()}
         return cls(**data)

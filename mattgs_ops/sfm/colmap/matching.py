@@ -166,6 +166,17 @@ def match_and_verify(
     return out
 
 
+def partners(pairs: Mapping[Pair, int], names: Sequence[str]) -> dict[str, list[tuple[str, int]]]:
+    """Return each view's partners, best first, from the inliers of verified pairs (i, j)."""
+    out: dict[str, list[tuple[str, int]]] = {}
+    for (i, j), count in pairs.items():
+        out.setdefault(names[i], []).append((names[j], count))
+        out.setdefault(names[j], []).append((names[i], count))
+    return {
+        name: sorted(found, key=lambda pair: (-pair[1], pair[0])) for name, found in out.items()
+    }
+
+
 def united(first: Mapping[Pair, Matches], second: Mapping[Pair, Matches]) -> dict[Pair, Matches]:
     """Add the matches of ``second`` whose key points ``first`` does not match in that pair."""
     out = dict(first)

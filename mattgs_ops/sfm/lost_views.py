@@ -1,0 +1,106 @@
+"""Why views could not be placed, and whether they form a second group: said in words.
+
+Incremental mapping places a view when it shares enough points with those already placed. A view is
+lost because it shows too little, because no photo matches it, because only other lost views do, or
+because its matches were too few or did not agree. Views that match each other but nothing else end
+in a model of their own, whose place relative to the first nobody knows.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from mattgs_ops.capture.scene import PreparedCapture
+from mattgs_ops.sfm.colmap.job import Answer
+
+FEW_KEYPOINTS = 60  # COLMAP places an image on 30 inliers; twice as many are the least to hope for
+MOST_NAMED = 3  # partners in one reason
+MOST_LISTED = 8  # views in one warning
+
+
+@dataclass(frozen=True)
+class LostView:
+    """A view without a camera; ``matched`` are the photos that match it best, with inliers."""
+
+    name: str
+    keypoints: int
+    masked: int
+    matched: tuple[tuple[str, int], ...]
+    reason: str
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it as ``scene.json`` holds it."""
+        return vars(self) | {"matched": [list(pair) for pair in self.matched]}
+
+
+def lost_views(capture: PreparedCapture, answer: Answer) -> list[LostView]:
+    """Return the views that were not placed, in the capture's order, each with the reason."""
+    placed = set(answer.registered)
+    groups = second_groups(answer)
+    out = []
+    for view in capture.views:
+        if view.name in placed:
+            continue
+        keypoints, masked = answer.keypoints.get(view.name, (0, 0))
+        matched = tuple(answer.partners.get(view.name, ()))
+        group = next((group for group in groups if view.name in group), None)
+        sought = view.name in answer.keypoints
+        reason = (
+            "came without a camera" if not sought else _reason(keypoints, matched, placed, group)
+        )
+        out.append(LostView(view.name, keypoints, masked, matched[:MOST_NAMED], reason))
+    return out
+
+
+def second_groups(answer: Answer) -> list[list[str]]:
+    """Return the views of all models but the first that are not in the first, largest first."""
+    placed = set(answer.registered)
+    groups = [[name for name in group if name not in placed] for group in answer.components[1:]]
+    return [group for group in groups if len(group) > 1]
+
+
+def warnings(capture: PreparedCapture, answer: Answer) -> list[str]:
+    """Return what a reader of any result of this capture must know: none if all were placed."""
+    lost = lost_views(capture, answer)
+    if not lost:
+        return []
+    total = len(capture.views)
+    test = {view.name for view in capture.views if view.split == "test"}
+    held_out = sum(view.name in test for view in lost)
+    listed = "; ".join(f"{view.name} {view.reason}" for view in lost[:MOST_LISTED])
+    more = f"; and {len(lost) - MOST_LISTED} more" if len(lost) > MOST_LISTED else ""
+    first = (
+        f"{len(lost)} of {total} views have no camera ({held_out} of them held out): nothing was "
+        f"trained or scored there. {listed}{more}"
+    )
+    out = [first]
+    for group in second_groups(answer):
+        names = ", ".join(group[:MOST_LISTED]) + (", …" if len(group) > MOST_LISTED else "")
+        out.append(
+            f"{len(group)} views form a second group that nothing ties to the first: {names}. Take "
+            "photos between the two, or run them as a capture of their own"
+        )
+    return out
+
+
+def _reason(
+    keypoints: int,
+    matched: Sequence[tuple[str, int]],
+    placed: set[str],
+    group: Sequence[str] | None,
+) -> str:
+    if keypoints < FEW_KEYPOINTS:
+        return f"shows only {keypoints} key points (blurred, dark or without texture)"
+    if not matched:
+        return "is matched by no other photo (too far from its neighbours, or another scene)"
+    ties = [(name, count) for name, count in matched if name in placed]
+    if ties:
+        return f"matches {_named(ties)}, too few or too contradictory to place it"
+    best = _named(matched)
+    if group is not None:
+        return f"matches only photos of a second group, {best}"
+    return f"matches only photos that were not placed either, {best}"
+
+
+def _named(matched: Sequence[tuple[str, int]]) -> str:
+    return " and ".join(f"{name} ({count} points)" for name, count in matched[:MOST_NAMED])

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from mattgs_ops.errors import InputError
+from mattgs_ops.naming import checked_name
 from reports.gate import baseline, output, pictures
 from reports.gate.baseline import Baseline
 from reports.gate.compare import compare
@@ -30,6 +31,7 @@ def judge(
     ``against`` is a baseline's path, the name of a committed one, or an alias in the registry.
     Raises :class:`InputError` naming the file that cannot be used.
     """
+    checked_name(benchmark, "the benchmark's name")
     known = find_baseline(out, benchmark, against)
     rows = recorded(out, benchmark)
     report = compare(rows, known.rows, noise=known.noise, doubt=doubt)
@@ -83,7 +85,7 @@ def make_baseline(out: Path, benchmark: str, file: Path, again: Sequence[Path] =
 
 def recorded(out: Path, benchmark: str) -> list[Row]:
     """Return a benchmark's rows; raises :class:`InputError` when it was never run."""
-    path = out / "benchmarks" / benchmark / "rows.json"
+    path = out / "benchmarks" / checked_name(benchmark, "the benchmark's name") / "rows.json"
     if not path.is_file():
         raise InputError(f"{path}: expected the rows of the benchmark {benchmark!r}, found none")
     return read_rows(path)

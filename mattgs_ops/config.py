@@ -8,22 +8,22 @@ validation are instant. Values that change results are part of a stage's key; th
 
 import tomllib
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
 from mattgs_ops.errors import InputError
 from mattgs_ops.frozen import Background, Frozen
 from mattgs_ops.method import METHODS, MethodConfig, unfolded
+from mattgs_ops.naming import Name
 
-Slug = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._+-]*$", max_length=64)]
 BUNDLED = ("rover", "hexapod", "lattepanda")
 
 
 class CaptureConfig(Frozen):
     """Where a capture comes from; no ``path`` means the bundled one called ``name``."""
 
-    name: Slug
+    name: Name
     path: Path | None = None
     kind: Literal["auto", "photos", "nerfstudio", "colmap", "video"] = "auto"
     masks: Path | None = Field(None, description="folder of the user's own masks, 255 = object")
@@ -170,7 +170,7 @@ class RunConfig(Frozen):
 class BenchmarkConfig(Frozen):
     """A grid of experiments: captures × conditions × seeds."""
 
-    name: Slug = "quick"
+    name: Name = "quick"
     captures: tuple[CaptureConfig, ...] = tuple(CaptureConfig(name=n) for n in BUNDLED)
     conditions: tuple[str, ...] = CONDITIONS
     seeds: tuple[int, ...] = (0,)
@@ -180,7 +180,7 @@ class BenchmarkConfig(Frozen):
     segment: SegmentConfig = SegmentConfig()
     sfm: SfmConfig = SfmConfig()
     train: TrainConfig = TrainConfig()
-    methods: dict[str, MethodConfig] = Field(
+    methods: dict[Name, MethodConfig] = Field(
         default_factory=dict,
         description="further methods, or other settings of known ones; `like` names a built-in "
         "method whose settings stand where a table is silent",

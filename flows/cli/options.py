@@ -9,12 +9,11 @@ from pydantic import ValidationError
 
 from mattgs_ops.config import BUNDLED, BenchmarkConfig, describe, load_toml
 from mattgs_ops.errors import InputError
-from mattgs_ops.naming import FILE_NAME, slug
+from mattgs_ops.naming import FILE_NAME, MOST_LETTERS, slug
 
 COMMAND_LINE = "command line"
 OWN_SOURCES = ("photos", "capture", "video")  # options that name a capture of the user's own
 SOURCES = (*OWN_SOURCES, "captures")
-LONGEST_NAME = 64  # of a capture, as `mattgs_ops.config.Slug` says
 
 
 def benchmark_config(file: Path | None, options: Mapping[str, Any]) -> BenchmarkConfig:
@@ -69,7 +68,7 @@ def size(text: str, option: str) -> tuple[int, int]:
 
 def capture_name(folder: str) -> str:
     """Turn any folder's name into one that a capture may have."""
-    return slug(folder).strip(FILE_NAME)[:LONGEST_NAME] or "capture"
+    return slug(folder).strip(FILE_NAME)[:MOST_LETTERS] or "capture"
 
 
 def _captures(given: Mapping[str, Any]) -> list[dict[str, Any]] | None:

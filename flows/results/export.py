@@ -5,6 +5,7 @@ from pathlib import Path
 
 from flows.results.splats_of import splats_of
 from mattgs_ops.errors import InputError
+from mattgs_ops.naming import slug
 
 
 def export(what: str, form: str, file: Path | None, out: Path) -> str:
@@ -19,7 +20,7 @@ def export(what: str, form: str, file: Path | None, out: Path) -> str:
     ending = formats.suffix(form)
     with tempfile.TemporaryDirectory(prefix="mattgs-export-") as folder:
         asked = splats_of(what, out, Path(folder))
-        path = file or out / "exports" / f"{asked.name.replace(' ', '-')}{ending}"
+        path = file or out / "exports" / f"{slug(asked.name)}{ending}"
         if path.resolve() == asked.splats.resolve():
             raise InputError(f"{path}: expected another file than the one that is read")
         splats = read_ply(asked.splats)

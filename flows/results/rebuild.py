@@ -4,6 +4,7 @@ import tempfile
 from pathlib import Path
 
 from flows.services import embedded
+from mattgs_ops.naming import checked_name
 from tasks.registry import promotion, summary
 
 
@@ -18,6 +19,7 @@ def rebuild_report(benchmark: str, out: Path, paper_values: Path | None = None) 
     from reports.page.build import build
     from reports.tables import paper
 
+    checked_name(benchmark, "the benchmark's name")
     values = None if paper_values is None else paper.load(paper_values)
     embedded.quieten(out)
     tracking = embedded.tracking_uri(out)

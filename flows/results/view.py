@@ -10,6 +10,7 @@ from typing import Any
 from flows.results.splats_of import Asked, splats_of
 from mattgs_ops.capture.scene import Scene
 from mattgs_ops.errors import InputError
+from mattgs_ops.naming import checked_row
 
 
 def view(what: str, out: Path, port: int, *, browser: bool) -> None:
@@ -48,10 +49,11 @@ def _scene(files: Path, out: Path) -> Scene | None:
     import json
 
     try:
-        row = json.loads((files / "row.json").read_text(encoding="utf-8"))
-        kept = out / "store" / (row.get("artifacts") or {}).get("scene", "-")
+        found = json.loads((files / "row.json").read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise InputError(f"{files}: expected the row of a run: {error}") from error
+    row = checked_row(found, f"{files}: row.json")
+    kept = out / "store" / (row.get("artifacts") or {}).get("scene", "-")
     for folder in (kept, files / "scene"):
         if (folder / "scene.json").is_file():
             return Scene.load(folder)

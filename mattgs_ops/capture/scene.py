@@ -18,15 +18,17 @@ its test views, are 8-bit: 1 screws, 2 wires, 3 print, 0 the rest.
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Literal
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mattgs_ops.capture.camera import Camera, Intrinsics
 from mattgs_ops.errors import InputError
+from mattgs_ops.naming import below, is_below
 
 Split = Literal["train", "test"]
 SCHEMA = 1
@@ -72,9 +74,9 @@ class GivenPoints:
     @classmethod
     def load(cls, path: Path) -> "GivenPoints":
         """Read an NPZ file that was written by :meth:`save`."""
-        with np.load(path) as data:
-            photos = tuple(str(name) for name in data["photos"])
-            return cls(data["xyz"], data["rgb"], photos, data["seen"])
+        data = _read_arrays(path, ("xyz", "rgb", "photos", "seen"))
+        photos = tuple(str(name) for name in data["photos"])
+        return cls(data["xyz"], data["rgb"], photos, data["seen"])
 
 
 @dataclass(frozen=True)
@@ -162,13 +164,25 @@ class Scene:
         return cls(data["name"], folder, views, data["extra"])
 
     def points(self) -> SparsePoints:
-        """Read the sparse points."""
-        with np.load(self.folder / "points.npz") as data:
-            return SparsePoints(**{key: data[key] for key in data.files})
+        """Read the sparse points; raises :class:`InputError` when the file holds anything else."""
+        names = tuple(field.name for field in fields(SparsePoints))
+        return SparsePoints(**_read_arrays(self.folder / "points.npz", names))
 
     def registered(self, split: Split) -> tuple[View, ...]:
         """Return the views of a split that have a camera."""
         return tuple(v for v in self.views if v.split == split and v.camera is not None)
+
+
+def _read_arrays(path: Path, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
+    """Read the arrays of an NPZ file; raises :class:`InputError` when it has not all of them."""
+    expected = f"{path}: expected arrays {', '.join(names)}"
+    try:
+        with np.load(path, allow_pickle=False) as data:  # a pickle may run whatever it likes
+            return {name: data[name] for name in names}
+    except KeyError as error:
+        raise InputError(f"{expected}, found no {error}") from error
+    except (OSError, ValueError, EOFError, BadZipFile) as error:
+        raise InputError(f"{expected}: {error}") from error
 
 
 def _write(path: Path, name: str, views: tuple[View, ...], extra: Mapping[str, Any]) -> None:
@@ -185,7 +199,7 @@ def _read(folder: Path, file: str) -> tuple[dict[str, Any], tuple[View, ...]]:
         raise InputError(f"{path}: expected a readable JSON file: {error}") from error
     if data.get("schema") != SCHEMA:
         raise InputError(f"{path}: expected schema {SCHEMA}, found {data.get('schema')!r}")
-    return data, tuple(_view_from_json(row, folder) for row in data["views"])
+    return data, tuple(_view_from_json(row, folder, path) for row in data["views"])
 
 
 def _view_to_json(view: View, folder: Path) -> dict[str, Any]:
@@ -209,16 +223,23 @@ def _view_to_json(view: View, folder: Path) -> dict[str, Any]:
     }
 
 
-def _view_from_json(row: dict[str, Any], folder: Path) -> View:
-    camera = row["camera"]
+def _view_from_json(row: dict[str, Any], folder: Path, source: Path) -> View:
+    """Read a view; its name names files that later stages write, its paths files that they read."""
+    name, camera = str(row["name"]), row["camera"]
+    if "/" in name or not is_below(name):
+        raise InputError(f"{source}: `name`: expected the name of a file, found {name!r}")
+
+    def place(field: str) -> Path:
+        return below(folder, row[field], f"{source}: `{field}` of {name}")
+
     return View(
-        name=row["name"],
+        name=name,
         split=row["split"],
         width=row["width"],
         height=row["height"],
-        photo=folder / row["photo"],
-        mask=None if row["mask"] is None else folder / row["mask"],
-        ids=folder / row["ids"] if row.get("ids") else None,
+        photo=place("photo"),
+        mask=None if row["mask"] is None else place("mask"),
+        ids=place("ids") if row.get("ids") else None,
         focal=row.get("focal"),
         camera=None
         if camera is None

@@ -8,7 +8,9 @@ Any fsspec URL will do (``s3://bucket/folder``, ``gs://…``, ``file:///…``). 
 
 An artifact is there when its manifest is. Objects never change, so two machines that finish the
 same stage at once cannot mix their files: the first manifest stays. Everything is verified on the
-way down; an object that is not what its name says is removed, and the stage is made again.
+way down; an object that is not what its name says is removed, and the stage is made again. A
+manifest that names files outside its artifact, or objects by anything but a digest, is refused
+before anything is read, written or removed: whoever can write to the store could have planted it.
 
 Of the store is asked that a write is seen by whoever reads afterwards, and that single objects
 appear whole, as S3 and its relatives promise. Endpoint and credentials come from the environment
@@ -17,6 +19,7 @@ appear whole, as S3 and its relatives promise. Endpoint and credentials come fro
 
 import json
 import logging
+import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -24,12 +27,14 @@ from pathlib import Path
 from typing import Any
 
 from mattgs_ops.errors import InputError, StageError
+from mattgs_ops.naming import PATH_RULE, below, is_below
 from mattgs_ops.store.digests import file_digest, list_files
 
 MARK = "mattgs-store.json"
 SCHEMA = 1
 MANIFEST = "manifest.json"
 DRAFTS = "drafts"
+SHA256 = re.compile(r"[0-9a-f]{64}")
 
 log = logging.getLogger(__name__)
 
@@ -63,7 +68,10 @@ class RemoteStore:
             raise InputError(f"--store {self.url}: expected back what was written, found {found!r}")
 
     def manifest(self, key: str) -> dict[str, Any] | None:
-        """Return an artifact's manifest; None when there is none, or half of one."""
+        """Return an artifact's manifest; None when there is none, or half of one.
+
+        Raises :class:`InputError` for one that would lead out of the artifact's folder.
+        """
         return self._read(self._place(key))
 
     def _read(self, path: str) -> dict[str, Any] | None:
@@ -75,7 +83,10 @@ class RemoteStore:
             except ValueError:
                 log.warning("%s: %s is unreadable", self.url, path.removeprefix(self._root))
                 return None
-        return found if isinstance(found, dict) and "files" in found else None
+        if not isinstance(found, dict) or "files" not in found:
+            return None
+        _check_files(found["files"], f"{self.url}{path.removeprefix(self._root)}")
+        return found
 
     def fetch(self, key: str, place: Path, files: str) -> bool:
         """Download an artifact into the folder ``place``; return whether it was there, intact.
@@ -87,7 +98,7 @@ class RemoteStore:
             return False
         shutil.rmtree(place, ignore_errors=True)
         for name, row in manifest["files"].items():
-            target = place / files / name
+            target = below(place / files, name, key)
             target.parent.mkdir(parents=True, exist_ok=True)
             if not self._download(row["sha256"], target, self._object(row["sha256"])):
                 log.warning("%s: %s of %s is damaged; it will be made again", self.url, name, key)
@@ -134,7 +145,7 @@ class RemoteStore:
         if manifest is None:
             return False
         for name, row in manifest["files"].items():
-            target = folder / name
+            target = below(folder, name, key)
             target.parent.mkdir(parents=True, exist_ok=True)
             if not self._download(row["sha256"], target, f"{place}/{row['sha256']}"):
                 log.warning("%s: the draft of %s is damaged; it is not used", self.url, key)
@@ -192,3 +203,21 @@ class RemoteStore:
             yield
         except Exception as error:  # each protocol has its own
             raise StageError(f"{self.url}: the store fails: {error}") from error
+
+
+def _check_files(files: Any, where: str) -> None:
+    """Raise :class:`InputError` unless a manifest's files stay where they belong.
+
+    A file's name is where it is written to, its digest names the object that is read, and removed
+    when its content differs.
+    """
+    if not isinstance(files, dict):
+        raise InputError(f"{where}: `files`: expected a table, found {type(files).__name__}")
+    for name, row in files.items():
+        if not is_below(name):
+            raise InputError(f"{where}: `files`: {PATH_RULE}, found {name!r}")
+        digest = row.get("sha256") if isinstance(row, dict) else None
+        if not isinstance(digest, str) or SHA256.fullmatch(digest) is None:
+            raise InputError(
+                f"{where}: `files.{name}.sha256`: expected 64 hexadecimal digits, found {digest!r}"
+            )

@@ -32,6 +32,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from mattgs_ops.errors import InputError, StageError
+from mattgs_ops.naming import below
 from mattgs_ops.store import lock as store_lock
 from mattgs_ops.store.digests import file_digest, json_digest, list_files, tree_digest
 from mattgs_ops.store.remote import RemoteStore
@@ -141,7 +142,11 @@ class Store:
 
     def folder(self, key: StageKey | str) -> Path:
         """Return where an artifact's files lie, or would lie."""
-        return self.root / str(key) / FILES
+        return self._place(key) / FILES
+
+    def _place(self, key: StageKey | str) -> Path:
+        """Return an artifact's folder; a key as text may come from another machine."""
+        return below(self.root, str(key), "the key of an artifact")
 
     def find(self, key: StageKey | str, *, contents: bool = True) -> Finished | None:
         """Return the artifact if it is there and intact, else None.
@@ -149,7 +154,7 @@ class Store:
         Names and sizes are always compared with the manifest; SHA-256 digests too with
         ``contents``. Never changes anything.
         """
-        place = self.root / str(key)
+        place = self._place(key)
         if not place.is_dir():
             return None
         try:
@@ -169,9 +174,7 @@ class Store:
         """Return the artifact; raises :class:`StageError` when it is missing or damaged."""
         found = self.find(key)
         if found is None:
-            raise StageError(
-                f"{self.root / str(key)}: expected a finished stage, found none intact"
-            )
+            raise StageError(f"{self._place(key)}: expected a finished stage, found none intact")
         return found
 
     def fetch(self, key: StageKey | str) -> Finished:
@@ -202,7 +205,7 @@ class Store:
                 finished = self._bring(key)
             place = self.root / "work" / str(key).replace("/", "-")
             if finished is None:
-                remove(self.root / str(key))
+                remove(self._place(key))
                 if not resume:
                     remove(place)
                 (place / FILES).mkdir(parents=True, exist_ok=True)
@@ -219,7 +222,7 @@ class Store:
         if not self._remote.fetch(str(key), place, FILES):
             remove(place)
             return None
-        final = self.root / str(key)
+        final = self._place(key)
         remove(final)
         final.parent.mkdir(parents=True, exist_ok=True)
         place.rename(final)
@@ -249,7 +252,7 @@ class Store:
         """Have an artifact in the remote store too; False when another one is there already."""
         if self._remote is None or self._remote.manifest(str(key)) is not None:
             return self._remote is None
-        return self._remote.publish(str(key), self.root / str(key), FILES)
+        return self._remote.publish(str(key), self._place(key), FILES)
 
     @contextmanager
     def lock(self, key: StageKey | str, *, wait: bool = True) -> Iterator[bool]:
@@ -286,7 +289,7 @@ class Store:
             file.write(text + "\n")
             file.flush()
             os.fsync(file.fileno())
-        final = self.root / str(key)
+        final = self._place(key)
         final.parent.mkdir(parents=True, exist_ok=True)
         place.rename(final)
         size = sum(row["bytes"] for row in rows.values())

@@ -27,6 +27,7 @@ from statistics import fmean, median
 from typing import Any
 
 from mattgs_ops.errors import InputError
+from mattgs_ops.naming import checked_row, is_name
 from reports.gate.compare import collected
 from reports.gate.numbers import change_of
 from reports.gate.speed import MACHINE, seconds
@@ -126,7 +127,7 @@ def kept_noise(path: Path, name: str) -> dict[str, float]:
 
 def committed(name: str) -> bool:
     """Whether a baseline of this name comes with the project."""
-    return (FOLDER / f"{name}.json").is_file()
+    return is_name(name) and (FOLDER / f"{name}.json").is_file()
 
 
 def load(place: str | Path) -> Baseline:
@@ -136,7 +137,7 @@ def load(place: str | Path) -> Baseline:
     newer schema, or was changed by hand.
     """
     path = Path(place)
-    if not path.suffix and not path.is_file():
+    if is_name(str(place)) and not path.suffix and not path.is_file():
         path = FOLDER / f"{place}.json"
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
@@ -145,7 +146,9 @@ def load(place: str | Path) -> Baseline:
         message = f"{path}: expected a readable baseline ({error}); committed ones: {known}"
         raise InputError(message) from error
     document = migrate(document, str(path))
-    rows = tuple(document["rows"])
+    rows = tuple(
+        checked_row(row, f"{path}: row {index}") for index, row in enumerate(document["rows"])
+    )
     if digest(rows) != document["rows_digest"]:
         raise InputError(f"{path}: its rows are not those it was made of (digest differs)")
     return Baseline(

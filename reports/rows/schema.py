@@ -15,6 +15,8 @@ from typing import Any
 
 from mattgs_ops.config import BUNDLED
 from mattgs_ops.errors import InputError
+from mattgs_ops.naming import checked_row
+from mattgs_ops.naming import row_problems as names_and_paths
 
 SCHEMA = 1
 PROTOCOL = 1  # raised when the meaning of a number changes: scores across versions do not compare
@@ -84,7 +86,8 @@ class Cell:
 def read_rows(path: Path) -> list[Row]:
     """Read rows from a JSON file: a list, or an object with a ``rows`` list.
 
-    Raises :class:`InputError` naming the file.
+    Raises :class:`InputError` naming the file; for rows whose names or paths would lead out of the
+    report's folder, the row and the field too.
     """
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
@@ -93,7 +96,7 @@ def read_rows(path: Path) -> list[Row]:
     rows = data.get("rows") if isinstance(data, dict) else data
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise InputError(f"{path}: expected a list of rows, found {type(rows).__name__}")
-    return rows
+    return [checked_row(row, f"{path}: row {index}") for index, row in enumerate(rows)]
 
 
 def problems(rows: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -126,7 +129,7 @@ def row_problems(row: Mapping[str, Any]) -> list[str]:
             found.append(f"`{field}`: expected {expected}, found {row[field]!r}")
     if found:
         return found
-    found += _value_problems(row)
+    found += _value_problems(row) + names_and_paths(row)
     if not failed:
         found += _metric_problems(row["metrics"]) + _view_problems(row["per_view"])
     return found
@@ -192,10 +195,12 @@ def key_of(row: Mapping[str, Any]) -> CellKey:
 def refused(rows: Sequence[Row]) -> list[Row]:
     """Turn rows that cannot be used into failed ones that say why, so that no hole is silent.
 
-    Rows too broken to say which cell they belong to raise :class:`InputError`.
+    Rows too broken to say which cell they belong to, and those whose names cannot be names of
+    files, raise :class:`InputError`.
     """
     out = []
     for index, row in enumerate(rows):
+        checked_row(row, f"row {index}")
         own = row_problems(row)
         if not own:
             out.append(row)

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from mattgs_ops.errors import InputError
+from mattgs_ops.naming import checked_row
 from tasks.registry import runs
 from tasks.registry.lookup import Found
 from tasks.registry.runs import ROW_FILE, Row
@@ -139,8 +140,7 @@ def _save_model(client: Any, run_id: str, folder: Path) -> Path:
 
 def _row(client: Any, run_id: str) -> Row:
     path = client.download_artifacts(run_id, ROW_FILE)
-    row: Row = json.loads(Path(path).read_text(encoding="utf-8"))
-    return row
+    return checked_row(json.loads(Path(path).read_text("utf-8")), f"run {run_id}: {ROW_FILE}")
 
 
 def _client(tracking_uri: str) -> Any:

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from mattgs_ops.errors import InputError
+from mattgs_ops.naming import checked_row
 from tasks.registry import interface_view, run_owner
 
 Row = dict[str, Any]
@@ -166,6 +167,7 @@ def rows(tracking_uri: str, benchmark: str) -> list[Row]:
             continue  # at work, or killed before it had a row
         path = client.download_artifacts(run.info.run_id, ROW_FILE)
         row = json.loads(Path(path).read_text(encoding="utf-8"))
+        checked_row(row, f"run {run.info.run_id}: {ROW_FILE}")
         (others if run.info.status == "KILLED" else ended).append(row)
     return ended + others
 

@@ -14,6 +14,7 @@ from typing import Any
 from urllib.parse import urlparse
 
 from mattgs_ops.errors import InputError
+from mattgs_ops.naming import checked_row
 from tasks.registry import runs
 from tasks.registry.runs import Row
 
@@ -78,9 +79,10 @@ def report_rows(tracking_uri: str, benchmark: str) -> list[Row]:
     if found is not None:
         summaries = _summaries(client, found.experiment_id)
         if summaries and not _ended_since(client, found.experiment_id, summaries[0]):
-            path = client.download_artifacts(summaries[0].info.run_id, ROWS_FILE)
-            rows: list[Row] = json.loads(Path(path).read_text(encoding="utf-8"))
-            return rows
+            run_id = summaries[0].info.run_id
+            path = client.download_artifacts(run_id, ROWS_FILE)
+            rows = json.loads(Path(path).read_text(encoding="utf-8"))
+            return [checked_row(row, f"run {run_id}: {ROWS_FILE}") for row in rows]
     newest: dict[Any, Row] = {}
     for row in runs.rows(tracking_uri, benchmark):
         newest.setdefault(runs.experiment_key(row), row)

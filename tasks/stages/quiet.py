@@ -4,14 +4,23 @@ Two files in the temporary folder are locked by the kernel, so a killed process 
 stage holds ``work`` shared while it runs; measuring holds it alone. Whoever wants ``work`` passes
 ``gate`` first, and measuring keeps ``gate`` while it waits: it waits for the stages that run, not
 for those that would follow.
+
+All benchmarks of a user must find the same files, so their place can be guessed, and on a shared
+machine anybody may put something there first. Hence the folder is used only if it is a real folder,
+ours, and closed to others; links are not followed, neither to it nor in it.
 """
 
 import fcntl
 import os
+import stat
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+from mattgs_ops.errors import InputError
+
+OTHERS = stat.S_IRWXG | stat.S_IRWXO  # what others may do, none of which is wanted
 
 
 @contextmanager
@@ -39,7 +48,38 @@ def _folder() -> Path:
 
 @contextmanager
 def _locked(name: str, kind: int) -> Iterator[None]:
-    _folder().mkdir(mode=0o700, exist_ok=True)
-    with (_folder() / name).open("w") as file:
+    with _opened(_folder()) as folder:
+        flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
+        try:
+            file = os.open(name, flags, 0o600, dir_fd=folder)
+        except OSError as error:
+            raise InputError(f"{_folder() / name}: expected a file to lock: {error}") from error
+    try:
         fcntl.flock(file, kind)
         yield
+    finally:
+        os.close(file)
+
+
+@contextmanager
+def _opened(place: Path) -> Iterator[int]:
+    """Open the folder of the locks, made if need be; yields its descriptor.
+
+    Raises :class:`InputError` when somebody else may have a hand in it.
+    """
+    expected = f"{place}: expected a folder of user {os.getuid()} that others cannot enter"
+    remedy = "remove it, or set TMPDIR to a folder of your own"
+    try:
+        place.mkdir(mode=0o700, exist_ok=True)
+        folder = os.open(place, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    except OSError as error:
+        found = "a link" if place.is_symlink() else str(error)
+        raise InputError(f"{expected}, found {found}; {remedy}") from error
+    try:
+        state = os.fstat(folder)
+        if state.st_uid != os.getuid() or state.st_mode & OTHERS:
+            found = f"one of user {state.st_uid} with mode {stat.S_IMODE(state.st_mode):o}"
+            raise InputError(f"{expected}, found {found}; {remedy}")
+        yield folder
+    finally:
+        os.close(folder)

@@ -55,7 +55,11 @@ def test_toml_paths_are_relative_to_the_file(tmp_path: Path) -> None:
         ("seeds = [1, 1]", r"`seeds`: expected different ones"),
         ("captures = []", r"`captures`: expected at least one"),
         ("[[captures]]\nname = 'toaster'", r"no bundled capture is called 'toaster'"),
-        ("name = 'a b'", r"`name`"),
+        ("name = 'a b'", r"`name`: expected letters, digits .*, found 'a b'"),
+        ("name = 'a/../../b'", r"`name`: expected letters, digits .*, found 'a/../../b'"),
+        ("[[captures]]\nname = '../x'\npath = 'p'", r"`captures.0.name`.*, found '../x'"),
+        ("[methods.'a/../../b']\nweight = 2", r"`methods.a/../../b.*expected letters, digits"),
+        ("[methods.'/etc/x']\nweight = 2", r"`methods./etc/x.*, found '/etc/x'"),
         ("iterations = ", r"expected a readable TOML file"),
     ],
 )

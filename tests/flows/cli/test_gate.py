@@ -188,3 +188,19 @@ def test_the_committed_baseline_is_of_the_committed_benchmark() -> None:
         origin = known[cell.capture, cell.condition, cell.seed]
         assert origin["config_digest"] == config_digest(config, cell)
         assert origin["inputs"] == {"capture": files[cell.capture]}
+
+
+def test_a_benchmarks_name_that_leads_elsewhere_is_refused(rows: list[Row], tmp_path: Path) -> None:
+    """The verdicts are written beside the rows: both below the output folder."""
+    out = tmp_path / "out"
+    write(rows, tmp_path)
+    name = "../../benchmarks/quick-ci"
+    done = mattgs("gate", "--baseline", "quick-ci", "--benchmark", name, "--out", out)
+    assert isinstance(done.exception, InputError)
+    assert "the benchmark's name: expected letters, digits" in str(done.exception)
+    assert f"found {name!r}" in str(done.exception)
+    done = mattgs("report", name, "--out", out)
+    assert isinstance(done.exception, InputError)
+    assert "the benchmark's name: expected letters, digits" in str(done.exception)
+    assert not out.exists()
+    assert not (tmp_path / "benchmarks" / "quick-ci" / "gate").exists()

@@ -70,6 +70,8 @@ def test_a_video_names_capture_and_benchmark_after_itself(tmp_path: Path) -> Non
         ({"conditions": ("white-3dgs",)}, "BACKGROUND-METHOD"),
         ({"seeds": (1, 1)}, "`seeds`: expected different ones"),
         ({"name": "a b"}, "`name`"),
+        ({"name": "a/../../b"}, "`name`: expected letters, digits .*, found 'a/../../b'"),
+        ({"photos": Path("p"), "name": "/etc/x"}, "`captures.0.name`.*, found '/etc/x'"),
     ],
 )
 def test_what_cannot_be_meant_is_refused_by_name(options: dict[str, Any], says: str) -> None:

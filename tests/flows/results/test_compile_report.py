@@ -152,3 +152,21 @@ def test_names_and_files_do_not_mix(tmp_path: Path, config: Path) -> None:
         done = CliRunner().invoke(app, ["report", *arguments, "--out", str(tmp_path)])
         assert isinstance(done.exception, InputError)
         assert "rows.json files" in str(done.exception)
+
+
+@pytest.mark.parametrize(
+    "change", [{"benchmark": "../../../evil"}, {"artifacts": {"evaluate": "../../../secret"}}]
+)
+def test_rows_of_somebody_else_write_and_read_nothing_outside(
+    tmp_path: Path, config: Path, change: Row
+) -> None:
+    """The benchmark's name is the report's folder; artifacts are linked, then shown."""
+    theirs = tmp_path / "a" / "benchmarks" / "long" / "rows.json"
+    (tmp_path / "secret").mkdir()
+    write(theirs, [make_row(config, "rover", "3dgs", 0, **change)])
+    out = tmp_path / "out" / "deep" / "deeper"
+    (field,) = change
+    with pytest.raises(InputError, match=f"rows.json: row 0: `{field}.*: expected .*, found '../"):
+        compile_report([theirs], out)
+    assert not list(tmp_path.rglob("report.html"))
+    assert not out.exists()

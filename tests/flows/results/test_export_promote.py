@@ -20,7 +20,7 @@ from mattgs_ops.capture.scene import Scene, SparsePoints, View
 from mattgs_ops.errors import InputError
 from mattgs_ops.splat.files.ply import read_ply, write_ply
 from mattgs_ops.splat.gaussians import Splats
-from tasks.registry import runs
+from tasks.registry import lookup, runs
 from tests.reference.splat_formats import read_compressed_ply, read_splat, read_spz
 
 COUNT = 40
@@ -101,6 +101,21 @@ def test_without_a_file_the_export_is_named_after_its_run(out: Path) -> None:
     (path,) = (out / "exports").iterdir()
     assert path.name.startswith("small-ball-nobg-ours-seed-0-")
     assert path.suffix == ".spz"
+
+
+def test_a_run_that_was_renamed_in_the_interface_stays_below_the_exports(out: Path) -> None:
+    from mlflow.tracking import MlflowClient
+
+    uri = f"sqlite:///{out / 'mlflow.db'}"
+    client = MlflowClient(tracking_uri=uri)
+    run_id = lookup.find_run(uri, "ball nobg-ours seed 0").run_id
+    client.set_tag(run_id, "mlflow.runName", "../../../evil run")
+    try:
+        mattgs("export", run_id, "--format", "splat", "--out", out)
+    finally:
+        client.set_tag(run_id, "mlflow.runName", "ball nobg-ours seed 0")
+    (path,) = (out / "exports").glob("*.splat")
+    assert path.name.startswith("small-..-..-..-evil-run-")
 
 
 def test_what_cannot_be_exported_is_refused_before_any_work(out: Path) -> None:

@@ -1,5 +1,6 @@
 """What one stage writes the next one reads, unchanged."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -56,3 +57,50 @@ def test_a_file_of_another_schema_is_refused_by_name(tmp_path: Path) -> None:
         Scene.load(tmp_path)
     with pytest.raises(InputError, match=r"capture\.json: expected a readable JSON file"):
         PreparedCapture.load(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"name": "../../evil.jpg"}, "`name`: expected the name of a file, found '../../evil.jpg'"),
+        ({"name": "/evil.jpg"}, "`name`: expected the name of a file, found '/evil.jpg'"),
+        ({"photo": "/etc/hostname"}, "`photo` of a.jpg: expected a path below its folder"),
+        ({"ids": "../ids.png"}, "`ids` of a.jpg: expected a path below its folder"),
+        ({"mask": "masks/../../m.png"}, "`mask` of a.jpg: expected a path below its folder"),
+    ],
+)
+def test_a_scene_of_somebody_else_stays_in_its_folder(
+    tmp_path: Path, change: dict[str, str], says: str
+) -> None:
+    """Scenes come from shared stores; views name the renders that are written later."""
+    PreparedCapture("toy", tmp_path, views(tmp_path), "given", "none").save()
+    path = tmp_path / "capture.json"
+    document = json.loads(path.read_text())
+    document["views"][0] |= change
+    path.write_text(json.dumps(document))
+    with pytest.raises(InputError, match=says) as caught:
+        PreparedCapture.load(tmp_path)
+    assert str(path) in str(caught.value)
+
+
+class Attack:
+    """Something whose unpickling would write a file."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> tuple[object, tuple[Path]]:
+        return Path.touch, (self.path,)
+
+
+def test_points_that_would_run_code_are_refused_and_do_not_run(tmp_path: Path) -> None:
+    points = np.empty(1, dtype=object)
+    points[0] = Attack(tmp_path / "ran")
+    np.savez(tmp_path / "points.npz", xyz=points, allow_pickle=True)
+    scene = Scene("toy", tmp_path, (), {})
+    with pytest.raises(InputError, match=r"points\.npz: expected arrays xyz.*pickle"):
+        scene.points()
+    assert not (tmp_path / "ran").exists()
+    (tmp_path / "points.npz").write_bytes(b"no archive")
+    with pytest.raises(InputError, match=r"points\.npz: expected arrays xyz"):
+        scene.points()

@@ -1,6 +1,7 @@
 """A store that machines share: whole or not at all, verified on the way down, first one stays."""
 
 import hashlib
+import json
 import logging
 import shutil
 from collections.abc import Iterator
@@ -182,6 +183,71 @@ def test_half_a_draft_is_none(tmp_path: Path, url: str) -> None:
     files.pipe_file(damaged, b"curv")
     with Store(tmp_path / "two", url).stage(KEY, resume=True) as slot:
         assert not list(slot.work.iterdir())
+
+
+EVIL = b"from somebody else"
+ATTACKS = ("../../../../evil.txt", "{outside}/evil.txt", "sub/../../../evil.txt")  # names of files
+
+
+def plant(url: str, place: str, files: dict[str, object]) -> None:
+    """Write a manifest as somebody would who can write to the shared store, and its object."""
+    shared, root = fsspec.url_to_fs(url)
+    digest = hashlib.sha256(EVIL).hexdigest()
+    for folder in ("objects", place):
+        shared.makedirs(f"{root}/{folder}", exist_ok=True)
+        shared.pipe_file(f"{root}/{folder}/{digest}", EVIL)
+    text = json.dumps({"digest": "d", "extra": {"seconds": 1.0}, "files": files})
+    shared.pipe_file(f"{root}/{place}/manifest.json", text.encode())
+
+
+@pytest.mark.parametrize("attack", ATTACKS)
+@pytest.mark.parametrize("place", [str(KEY), f"drafts/{KEY}"])
+def test_a_planted_manifest_writes_nothing_outside_its_artifact(
+    tmp_path: Path, url: str, place: str, attack: str
+) -> None:
+    name = attack.format(outside=tmp_path)
+    row = {"bytes": len(EVIL), "sha256": hashlib.sha256(EVIL).hexdigest()}
+    plant(url, place, {name: row})
+    victim = Store(tmp_path / "deep" / "deeper" / "victim", url)
+    says = f"{place}/manifest.json: `files`: expected a path below its folder.*, found {name!r}"
+    with pytest.raises(InputError, match=says), victim.stage(KEY, resume=True):
+        pass
+    assert not list(tmp_path.rglob("*evil*"))
+
+
+@pytest.mark.parametrize("digest", ["../../precious.txt", "", None, "ab" * 31, "AB" * 32])
+def test_a_planted_digest_neither_reads_nor_removes_another_file(
+    tmp_path: Path, url: str, digest: str | None
+) -> None:
+    """An object that differs from its digest is removed: the digest must not name anything else."""
+    shared, root = fsspec.url_to_fs(url)
+    plant(url, str(KEY), {"a.txt": {"bytes": 3, "sha256": digest}})
+    precious = f"{root}/precious.txt"
+    shared.pipe_file(precious, b"precious")
+    with pytest.raises(InputError, match=r"`files.a.txt.sha256`: expected 64 hexadecimal digits"):
+        Store(tmp_path / "victim", url).fetch(str(KEY))
+    assert shared.cat_file(precious) == b"precious"
+    assert not list((tmp_path / "victim").rglob("a.txt"))
+
+
+def test_a_planted_draft_removes_nothing_when_the_next_one_comes(tmp_path: Path, url: str) -> None:
+    shared, root = fsspec.url_to_fs(url)
+    plant(url, f"drafts/{KEY}", {"checkpoint": {"bytes": 3, "sha256": "../../../precious.txt"}})
+    shared.pipe_file(f"{root}/precious.txt", b"precious")
+    with Store(tmp_path / "one", url).stage(KEY) as slot:
+        (slot.work / "checkpoint").write_text("step 1")
+        with pytest.raises(InputError, match=r"drafts/.*expected 64 hexadecimal digits"):
+            slot.keep_draft(slot.work)
+    assert shared.cat_file(f"{root}/precious.txt") == b"precious"
+
+
+@pytest.mark.parametrize("files", [["a.txt"], "a.txt", {"a.txt": "abc"}])
+def test_a_manifest_of_another_shape_is_refused(tmp_path: Path, url: str, files: object) -> None:
+    shared, root = fsspec.url_to_fs(url)
+    shared.makedirs(f"{root}/{KEY}", exist_ok=True)
+    shared.pipe_file(f"{root}/{KEY}/manifest.json", json.dumps({"files": files}).encode())
+    with pytest.raises(InputError, match=r"manifest.json: `files"):
+        Store(tmp_path / "one", url).fetch(str(KEY))
 
 
 def test_a_place_that_cannot_be_used_is_refused_before_any_work(tmp_path: Path) -> None:

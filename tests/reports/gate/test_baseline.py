@@ -156,3 +156,19 @@ def test_bad_rows_make_no_baseline(make_row: Callable[..., Row]) -> None:
 def test_every_committed_baseline_can_be_read() -> None:
     for path in baseline.FOLDER.glob("*.json"):
         assert problems(baseline.load(path).rows) == []
+
+
+def test_only_names_are_looked_up_among_the_committed_ones() -> None:
+    assert baseline.committed("quick-ci")
+    assert not baseline.committed("../baselines/quick-ci")
+    with pytest.raises(InputError, match="expected a readable baseline"):
+        baseline.load("../baselines/quick-ci")
+
+
+def test_rows_of_a_baseline_that_lead_elsewhere_are_refused(tmp_path: Path) -> None:
+    rows = [dict(row) for row in baseline.load("quick-ci").rows]
+    rows[1]["artifacts"] = {"evaluate": "../../../home"}
+    path = tmp_path / "evil.json"
+    baseline.Baseline("evil", tuple(rows)).save(path)
+    with pytest.raises(InputError, match=r"evil.json: row 1: `artifacts.evaluate`: expected"):
+        baseline.load(path)

@@ -153,7 +153,7 @@ class Line:
         out = self.root / f"run-{self.count}"
         scene, masks = scene or self.scene, masks or self.masks
         row = gate_runs.experiment(self.config, cell, scene, masks, out, speed=speed)
-        return row | {"artifacts": {"train": str(out)}}
+        return row | {"artifacts": {"train": out.name}}
 
 
 Planted = tuple[Line, list[Row]]
@@ -297,7 +297,7 @@ def test_twice_the_splats_are_worse_in_size(planted: Planted) -> None:
     line, old = planted
     rows = []
     for cell, before in zip(CELLS, old, strict=True):
-        out = Path(before["artifacts"]["train"])
+        out = line.root / before["artifacts"]["train"]
         twice = line.root / f"twice-{cell.capture}-{cell.condition}"
         twice.mkdir()
         write_ply(doubled(read_ply(out / "splats.ply")), twice / "splats.ply")

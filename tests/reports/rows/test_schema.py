@@ -1,5 +1,6 @@
 """The schema of rows: what is refused, by which words, and how rows form cells."""
 
+import json
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -28,11 +29,35 @@ def test_good_rows_have_no_problems(make_grid: Callable[..., list[Row]]) -> None
         ({"status": "done"}, "`status`"),
         ({"status": "failed", "reason": None}, "`reason`"),
         ({"per_view": [{"view": "a.jpg"}]}, "`per_view[0]`"),
+        ({"benchmark": "../../../evil"}, "`benchmark`"),
+        ({"run_id": "../x"}, "`run_id`"),
+        ({"artifacts": {"evaluate": "/etc"}}, "`artifacts.evaluate`"),
     ],
 )
 def test_a_problem_names_its_field(make_row: Callable[..., Row], change: Row, word: str) -> None:
     found = schema.problems([make_row("rover", "original", "3dgs") | change])
     assert any(word in text and "rover/" in text for text in found), found
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"benchmark": "../../../evil"}, "row 1: `benchmark`: expected .*, found '../../../evil'"),
+        ({"capture": "a/../../b"}, "row 1: `capture`: expected .*, found 'a/../../b'"),
+        ({"artifacts": {"scene": "../../etc"}}, "row 1: `artifacts.scene`: .*, found '../../etc'"),
+    ],
+)
+def test_rows_that_lead_elsewhere_are_refused_when_they_are_read(
+    make_row: Callable[..., Row], tmp_path: Path, change: Row, says: str
+) -> None:
+    good = make_row("rover", "original", "3dgs")
+    path = tmp_path / "rows.json"
+    path.write_text(json.dumps([good, good | change]))
+    with pytest.raises(InputError, match=says) as caught:
+        schema.read_rows(path)
+    assert str(path) in str(caught.value)
+    with pytest.raises(InputError, match=says):
+        schema.refused([good, good | change])
 
 
 def test_a_missing_field_is_named(make_row: Callable[..., Row]) -> None:

@@ -90,6 +90,19 @@ def test_rows_are_read_back_as_they_were(place: tuple[str, Path]) -> None:
     ]
 
 
+def test_a_row_that_somebody_else_left_leads_nowhere_else(place: tuple[str, Path]) -> None:
+    """A registry is shared too: what a row names is linked, read and written by reports."""
+    uri, artifacts = place
+    experiment = runs.open_benchmark(uri, "planted", artifacts)
+    evil = row(artifacts={"evaluate": "../../../home"}, benchmark="../evil")
+    run_id = runs.record(uri, experiment, evil, parameters={})
+    with pytest.raises(InputError) as caught:
+        runs.rows(uri, "planted")
+    told = str(caught.value)
+    assert told.startswith(f"run {run_id}: row.json: `benchmark`: expected letters")
+    assert "`artifacts.evaluate`: expected a path below its folder" in told
+
+
 def test_a_row_recorded_again_updates_its_run(place: tuple[str, Path]) -> None:
     uri, artifacts = place
     experiment = runs.open_benchmark(uri, "again", artifacts)

@@ -86,3 +86,64 @@ def test_a_killed_owner_keeps_nobody_waiting(start: Callable[[str], Process]) ->
     assert waits(late)
     measures.send_signal(signal.SIGKILL)
     assert line(late) == "in"
+
+
+def attempt(folder: Path) -> subprocess.CompletedProcess[str]:
+    """Let a process work that has this temporary folder; returns how that ended."""
+    path = os.pathsep.join(p for p in sys.path if p)
+    environment = os.environ | {"PYTHONPATH": path, "TMPDIR": str(folder)}
+    command = [sys.executable, "-c", HOLD, "busy"]
+    return subprocess.run(
+        command,
+        input="\n",
+        capture_output=True,
+        text=True,
+        env=environment,
+        timeout=120,
+        check=False,
+    )
+
+
+def locks(folder: Path) -> Path:
+    """Return where the locks lie; anybody can know that."""
+    return folder / f"mattgs-{os.getuid()}"
+
+
+def test_a_planted_link_to_a_folder_is_not_followed(tmp_path: Path) -> None:
+    theirs = tmp_path / "theirs"
+    theirs.mkdir(mode=0o700)
+    locks(tmp_path).symlink_to(theirs)
+    done = attempt(tmp_path)
+    assert done.returncode != 0
+    assert f"InputError: {locks(tmp_path)}: expected a folder of user" in done.stderr
+    assert "found a link; remove it, or set TMPDIR" in done.stderr
+    assert not list(theirs.iterdir())
+
+
+def test_a_planted_link_to_a_file_is_not_followed_and_nothing_is_emptied(tmp_path: Path) -> None:
+    precious = tmp_path / "precious"
+    precious.write_text("mine")
+    locks(tmp_path).mkdir(mode=0o700)
+    (locks(tmp_path) / "gate").symlink_to(precious)
+    done = attempt(tmp_path)
+    assert done.returncode != 0
+    assert f"{locks(tmp_path) / 'gate'}: expected a file to lock" in done.stderr
+    assert precious.read_text() == "mine"
+
+
+@pytest.mark.parametrize("mode", [0o777, 0o770, 0o701])
+def test_a_folder_that_others_can_enter_is_refused(tmp_path: Path, mode: int) -> None:
+    locks(tmp_path).mkdir()
+    locks(tmp_path).chmod(mode)
+    done = attempt(tmp_path)
+    assert done.returncode != 0
+    assert f"found one of user {os.getuid()} with mode {mode:o}" in done.stderr
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="only root can give a folder to another user")
+def test_another_users_folder_is_refused(tmp_path: Path) -> None:
+    locks(tmp_path).mkdir(mode=0o700)
+    os.chown(locks(tmp_path), 12345, -1)
+    done = attempt(tmp_path)
+    assert done.returncode != 0
+    assert "found one of user 12345 with mode 700" in done.stderr

@@ -1,23 +1,34 @@
-"""Segmentation: photos per second, and agreement with the bundled captures' true masks.
+"""Segmentation: how well masks agree with the truth, and photos per second.
 
-    python benchmarks/segment.py [--threads 2] [--captures rover,hexapod,lattepanda]
-        [--masks alone,grabcut,no-network,votes]
+    python benchmarks/segment.py [--captures rover,hexapod,lattepanda] [--sets FOLDER] [--views 24]
+        [--also dino=PATH:MASKS …] [--masks alone,delivered] [--threads 2] [--speed]
 
-Prints two Markdown tables. The first times U²-NetP at 320 × 320, reading and resizing included,
-writing not; the second scores the bundled model alone, refined by GrabCut, GrabCut without a
-network, and the votes of all views, cameras estimated as in a benchmark (a few minutes a capture).
+Prints a Markdown table, a line for each capture: the network's own masks (``alone``) and those that
+the pipeline delivers (``delivered``: cameras, then the agreement of all views), each with mean IoU,
+the worst view's, and the F1 of the outlines within two pixels; whose masks were believed; and how
+many views carry a flag. ``--sets`` is a folder of captures, as `mattgs captures evaluation` renders
+it; ``--views`` takes that many of each walk, evenly. ``--also NAME=PATH[:MASKS]`` adds a capture
+whose true masks lie beside it, are its alpha, or are in ``MASKS``; without any it has no scores.
+True masks only score. Cameras that come with a capture are kept, bundled ones are estimated.
+
+``--masks`` also takes ``grabcut`` (the network's masks refined by colour) and ``no-network``.
+``--speed`` times U²-NetP at 320 × 320 and the bundled network, reading and resizing included.
 """
 
 import argparse
+import json
 import shutil
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import torch
 
+from mattgs_ops.capture.masks import boundary_f, mask_name
 from mattgs_ops.capture.scene import PreparedCapture
 from mattgs_ops.config import BUNDLED, CaptureConfig, SegmentConfig, SfmConfig
 from mattgs_ops.segment.infer import segment
@@ -28,12 +39,22 @@ from mattgs_ops.segment.network.u2net import U2Net
 
 PHOTOS, REPEATS = 8, 3
 GAIN = 100  # of the timed network's last layer: untrained maps are flat, and refused as empty
+DELIVERED = "delivered"
 MASKS = {
     "alone": SegmentConfig(source="u2net", refine="none"),
     "grabcut": SegmentConfig(source="u2net", refine="grabcut"),
     "no-network": SegmentConfig(source="grabcut"),
 }
-VOTES = "votes"
+OUTLINE = 2  # pixels that an outline may be off
+
+
+@dataclass(frozen=True)
+class Masks:
+    """Masks of a capture on disk, and the report on them."""
+
+    folder: Path
+    report: MaskReport
+    believed: str = ""
 
 
 def speed(path: Path, threads: int) -> tuple[int, float]:
@@ -50,72 +71,141 @@ def speed(path: Path, threads: int) -> tuple[int, float]:
     return network.width, PHOTOS / min(seconds)
 
 
-def main() -> None:
-    """Print both tables."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--threads", type=int, default=2)
-    parser.add_argument("--captures", default=",".join(BUNDLED))
-    parser.add_argument("--masks", default=",".join([*MASKS, VOTES]))
-    options = parser.parse_args()
-    masks = options.masks.split(",")
-    unknown = set(masks) - {*MASKS, VOTES}
-    if unknown:
-        parser.error(f"--masks: expected some of {', '.join([*MASKS, VOTES])}, found {unknown}")
-    with tempfile.TemporaryDirectory() as folder:
-        torch.manual_seed(0)
-        at_320 = Path(folder) / "u2netp-320.onnx"
-        timed = U2Net("u2netp").eval()
-        with torch.no_grad():
-            timed.outconv.weight.mul_(GAIN)
-        export(timed, at_320, size=320)
-        print("| model | side | threads | photos/s |\n|---|---|---|---|")
-        for name, path in (("U²-NetP", at_320), ("bundled", BUNDLED_MODEL)):
-            for threads in dict.fromkeys((1, options.threads)):
-                side, rate = speed(path, threads)
-                print(f"| {name} | {side} | {threads} | {rate:.1f} |")
-        print("\n| capture | masks | IoU | worst | F | MAE | boundary F | flagged |")
-        print("|---|---|---|---|---|---|---|---|")
-        for capture in filter(None, options.captures.split(",")):
-            quality_rows(capture, Path(folder), options.threads, masks)
+def print_speed(threads: int, folder: Path) -> None:
+    """Print the table of photos per second."""
+    torch.manual_seed(0)
+    at_320 = folder / "u2netp-320.onnx"
+    timed = U2Net("u2netp").eval()
+    with torch.no_grad():
+        timed.outconv.weight.mul_(GAIN)
+    export(timed, at_320, size=320)
+    print("| model | side | threads | photos/s |\n|---|---|---|---|")
+    for name, path in (("U²-NetP", at_320), ("bundled", BUNDLED_MODEL)):
+        for count in dict.fromkeys((1, threads)):
+            side, rate = speed(path, count)
+            print(f"| {name} | {side} | {count} | {rate:.1f} |")
 
 
-def quality_rows(name: str, folder: Path, threads: int, masks: Sequence[str]) -> None:
-    """Print a capture's rows."""
-    from mattgs_ops.capture import prepare
+def chosen(options: argparse.Namespace, folder: Path) -> Iterator[CaptureConfig]:
+    """Yield the captures that the command line names."""
+    for name in filter(None, options.captures.split(",")):
+        yield CaptureConfig(name=name)
+    sets = sorted(options.sets.iterdir()) if options.sets else []
+    for path in sets:
+        if (path / "transforms.json").is_file():
+            source = fewer(path, options.views, folder / "fewer" / path.name)
+            yield CaptureConfig(name=path.name.replace("_", "-"), path=source)
+    for text in options.also:
+        name, _, place = text.partition("=")
+        path, _, masks = place.partition(":")
+        yield CaptureConfig(name=name, path=Path(path), masks=Path(masks) if masks else None)
 
-    prepared = prepare.prepare(CaptureConfig(name=name), folder / name, test_every=8)
-    for label, config in MASKS.items():
-        if label in masks:
-            print_row(name, label, segment(prepared, config, folder / f"{name}-{label}"))
-    if VOTES in masks:
-        alone = folder / f"{name}-alone"
-        if "alone" not in masks:
-            segment(prepared, MASKS["alone"], alone)
-        print_row(name, VOTES, voted(prepared, alone, folder, threads))
+
+def fewer(path: Path, views: int | None, out: Path) -> Path:
+    """Copy a capture with ``views`` of its frames, evenly by their order; all without a number."""
+    listing = json.loads((path / "transforms.json").read_text(encoding="utf-8"))
+    frames = listing["frames"]
+    if views is None or views >= len(frames):
+        return path
+    listing["frames"] = [frames[k * len(frames) // views] for k in range(views)]
+    for frame in listing["frames"]:
+        for key in ("file_path", "mask_path"):
+            (out / frame[key]).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(path / frame[key], out / frame[key])
+    (out / "transforms.json").write_text(json.dumps(listing), encoding="utf-8")
+    return out
 
 
-def voted(capture: PreparedCapture, alone: Path, folder: Path, threads: int) -> MaskReport:
-    """Return the masks' report after structure-from-motion and the views' agreement."""
+def masks_of(
+    capture: PreparedCapture, kinds: list[str], folder: Path, threads: int
+) -> dict[str, Masks]:
+    """Make the asked-for kinds of masks; ``delivered`` needs the network's own."""
+    made = {}
+    for kind in dict.fromkeys(["alone", *kinds] if DELIVERED in kinds else kinds):
+        out = folder / f"{capture.name}-{kind}"
+        if kind == DELIVERED:
+            made[kind] = delivered(capture, made["alone"], out, threads)
+        else:
+            made[kind] = Masks(out, segment(capture, MASKS[kind], out, threads=threads))
+    return made
+
+
+def delivered(capture: PreparedCapture, alone: Masks, out: Path, threads: int) -> Masks:
+    """Find cameras and let the views agree, as a benchmark does."""
     from mattgs_ops import sfm
     from mattgs_ops.object_masks.cross_view import agree
 
-    solved, out = folder / f"{capture.name}-solved", folder / f"{capture.name}-agreed"
+    solved = out.with_name(f"{capture.name}-solved")
     scene = sfm.reconstruct(
-        capture, alone / "masks", SfmConfig(), solved, soft=alone / "soft", threads=threads
+        capture,
+        alone.folder / "masks",
+        SfmConfig(),
+        solved,
+        soft=alone.folder / "soft",
+        threads=threads,
     )
-    shutil.copyfile(alone / "masks.json", solved / "masks.json")
-    agree(scene, capture, out, threads=threads)
-    return MaskReport.load(out / "masks.json")
+    shutil.copyfile(alone.folder / "masks.json", solved / "masks.json")
+    agreement = agree(scene, capture, out, threads=threads).extra.get("agreement", {})
+    believed = str(agreement.get("none") or agreement.get("masks", "votes"))
+    return Masks(out, MaskReport.load(out / "masks.json"), believed)
 
 
-def print_row(name: str, label: str, report: MaskReport) -> None:
-    """Print one row of the second table."""
-    m = report.means()
-    print(
-        f"| {name} | {label} | {m['iou']:.3f} | {m['worst_iou']:.3f} | {m['f_measure']:.3f} "
-        f"| {m['mae']:.4f} | {m['boundary_f']:.3f} | {len(report.flagged)} |",
-        flush=True,
+def scores(capture: PreparedCapture, masks: Masks) -> str:
+    """Return the cells of one kind of masks: mean IoU, worst IoU, outlines, flagged views."""
+    flagged = f"{len(masks.report.flagged)} of {len(masks.report.views)}"
+    means = masks.report.means()
+    if not means:
+        return f"- | - | - | {flagged}"
+    outlines = []
+    for view in capture.views:
+        found, true = (
+            cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+            for path in (masks.folder / "masks" / mask_name(view.name), view.mask)
+        )
+        if found is not None and true is not None:
+            outlines.append(
+                boundary_f(np.asarray(found, np.uint8), np.asarray(true, np.uint8), OUTLINE)
+            )
+    worst = means["worst_iou"]
+    return f"{means['iou']:.3f} | {worst:.3f} | {np.mean(outlines):.3f} | {flagged}"
+
+
+def print_masks(options: argparse.Namespace, kinds: list[str], folder: Path) -> None:
+    """Print the table of masks, a line as soon as a capture is done."""
+    from mattgs_ops.capture import prepare
+
+    print("| capture | views | masks | mean IoU | worst | outlines, 2 px | flagged | believed |")
+    print("|---|---|---|---|---|---|---|---|", flush=True)
+    for config in chosen(options, folder):
+        capture = prepare.prepare(config, folder / config.name, test_every=8)
+        if capture.masks_are != "none":  # whatever came along is the truth here
+            capture = replace(capture, masks_are="truth")
+        for kind, masks in masks_of(capture, kinds, folder, options.threads).items():
+            cells = scores(capture, masks)
+            head = f"| {capture.name} | {len(capture.views)} | {kind}"
+            print(f"{head} | {cells} | {masks.believed} |", flush=True)
+
+
+def main() -> None:
+    """Print the tables that the command line asks for."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
+    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--captures", default=",".join(BUNDLED))
+    parser.add_argument("--sets", type=Path)
+    parser.add_argument("--views", type=int)
+    parser.add_argument("--also", action="append", default=[], metavar="NAME=PATH[:MASKS]")
+    parser.add_argument("--masks", default=f"alone,{DELIVERED}")
+    parser.add_argument("--speed", action="store_true")
+    options = parser.parse_args()
+    kinds, known = options.masks.split(","), [*MASKS, DELIVERED]
+    if set(kinds) - set(known):
+        parser.error(f"--masks: expected some of {', '.join(known)}, found {options.masks}")
+    with tempfile.TemporaryDirectory() as folder:
+        if options.speed:
+            print_speed(options.threads, Path(folder))
+        print_masks(options, kinds, Path(folder))
 
 
 if __name__ == "__main__":

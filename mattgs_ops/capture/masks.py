@@ -98,10 +98,13 @@ def quality(mask: Mask, truth: Mask, soft: SoftMap | None = None) -> MaskQuality
     return MaskQuality(iou, f_measure, mae, boundary_f(mask, truth))
 
 
-def boundary_f(mask: Mask, truth: Mask) -> float:
-    """F1 of the outlines, matched within ``BOUNDARY_TOLERANCE`` of the diagonal."""
+def boundary_f(mask: Mask, truth: Mask, radius: int | None = None) -> float:
+    """F1 of the outlines, matched within ``radius`` pixels.
+
+    Without one it is ``BOUNDARY_TOLERANCE`` of the diagonal.
+    """
     height, width = mask.shape
-    radius = max(1, round(BOUNDARY_TOLERANCE * float(np.hypot(height, width))))
+    radius = radius or max(1, round(BOUNDARY_TOLERANCE * float(np.hypot(height, width))))
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
     lines = [_outline(m) for m in (mask, truth)]
     near = [cv2.dilate(line, disc) > 0 for line in lines]

@@ -10,11 +10,9 @@ import json
 import math
 import time
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
 from copy import deepcopy
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -24,6 +22,7 @@ from torch import Tensor
 from mattgs_ops.capture.masks import quality, threshold
 from mattgs_ops.errors import InputError, StageError
 from mattgs_ops.progress import Progress, no_progress
+from mattgs_ops.segment.network.ahead import batches_ahead
 from mattgs_ops.segment.network.batches import Batches
 from mattgs_ops.segment.network.losses import segmentation_loss
 from mattgs_ops.segment.network.preprocess import network_input
@@ -71,22 +70,18 @@ def train(
     run.resume()
     began, before = time.perf_counter(), run.seconds
     scores: dict[str, float] = {}
-    with ThreadPoolExecutor(1) as pool:
-        ahead: Future[Any] = pool.submit(batches.at, run.step)
-        while run.step < config.steps:
-            inputs, truths = ahead.result()
-            ahead = pool.submit(batches.at, min(run.step + 1, config.steps - 1))
-            loss = run.advance(inputs, truths)
-            run.seconds = before + time.perf_counter() - began
-            last = run.step == config.steps
-            if run.step % config.validate_every == 0 or last:
-                scores = run.validate(batches)
-                _log(out / "curve.csv", run.step, {"train_loss": loss, **scores})
-                if on_metrics:
-                    on_metrics(run.step, {"train_loss": loss, **scores})
-            if run.step % config.checkpoint_every == 0 or last:
-                run.save()
-            progress(run.step, config.steps, f"loss {loss:.3f}")
+    for inputs, truths in batches_ahead(batches, out / "rendered", run.step):
+        loss = run.advance(inputs, truths)
+        run.seconds = before + time.perf_counter() - began
+        last = run.step == config.steps
+        if run.step % config.validate_every == 0 or last:
+            scores = run.validate(batches)
+            _log(out / "curve.csv", run.step, {"train_loss": loss, **scores})
+            if on_metrics:
+                on_metrics(run.step, {"train_loss": loss, **scores})
+        if run.step % config.checkpoint_every == 0 or last:
+            run.save()
+        progress(run.step, config.steps, f"loss {loss:.3f}")
     scores = scores or run.validate(batches)
     weights = out / f"{config.variant}.pth"
     torch.save(run.average.state_dict(), weights)
@@ -205,7 +200,14 @@ class _Run:
 
 def identity_of(config: SegmentTrainConfig) -> str:
     """Return everything of a configuration that changes the weights, as text."""
-    passive = {"threads", "device", "checkpoint_every", "validate_every", "validation_images"}
+    passive = {
+        "threads",
+        "workers",
+        "device",
+        "checkpoint_every",
+        "validate_every",
+        "validation_images",
+    }
     return config.model_dump_json(exclude=passive)
 
 

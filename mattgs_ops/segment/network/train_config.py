@@ -94,6 +94,9 @@ class SegmentTrainConfig(Frozen):
         "float32", description="of the convolutions; bfloat16 halves the time on CPUs that have it"
     )
     threads: int = Field(1, ge=1)
+    workers: int = Field(
+        0, ge=0, description="processes that draw images ahead; 0 is a thread, enough for a CPU"
+    )
     device: Literal["auto", "cpu", "cuda"] = "auto"
     seed: int = Field(0, ge=0)
 

@@ -75,7 +75,7 @@ def test_boundary_f_forgives_within_its_tolerance_only() -> None:
     truth = disc(400, (200, 200), 100)  # tolerance: 0.0075 * 566 = 4 pixels
     assert boundary_f(disc(400, (200, 200), 103), truth) == 1
     assert boundary_f(disc(400, (200, 200), 110), truth) < 0.05
-    assert boundary_f(disc(400, (200, 200), 103), truth, 3) == 1
+    assert boundary_f(disc(400, (200, 200), 103), truth, 4) == 1
     assert boundary_f(disc(400, (200, 200), 103), truth, 1) < 0.05
     empty = np.zeros_like(truth)
     assert boundary_f(empty, truth) == 0

@@ -8,8 +8,10 @@ import pytest
 import torch
 
 from mattgs_ops.errors import InputError
+from mattgs_ops.segment.network.ahead import batches_ahead
 from mattgs_ops.segment.network.augment import augment
 from mattgs_ops.segment.network.batches import Batches
+from mattgs_ops.segment.network.saliency import BUNDLED_MODEL
 from mattgs_ops.segment.network.train import identity_of, learning_rate, train
 from mattgs_ops.segment.network.train_config import (
     AugmentConfig,
@@ -109,7 +111,7 @@ def test_a_checkpoint_of_another_configuration_is_refused(tmp_path: Path) -> Non
 def test_where_it_runs_is_not_part_of_a_trainings_identity(tmp_path: Path) -> None:
     data = photos(tmp_path / "data")
     base = config(data, steps=1)
-    assert identity_of(base) == identity_of(config(data, steps=1, threads=2, checkpoint_every=9))
+    assert identity_of(base) == identity_of(config(data, steps=1, threads=2, workers=3))
     assert identity_of(base) != identity_of(config(data, steps=1, loss="bce_dice"))
 
 
@@ -130,6 +132,18 @@ def test_batches_depend_on_the_step_alone() -> None:
     assert truths.min() >= 0
     assert truths.max() == 1
     assert not np.array_equal(inputs[0], inputs[1])
+
+
+def test_processes_draw_the_batches_that_a_thread_draws(tmp_path: Path) -> None:
+    stages = (StageConfig(size=32, batch=2, steps=5),)
+    settings = SegmentTrainConfig(stages=stages, reuse=2, pool=4)
+    alone = list(batches_ahead(Batches(settings), tmp_path, 0))
+    shared = settings.model_copy(update={"workers": 1})
+    resumed = list(batches_ahead(Batches(shared), tmp_path, 2))
+    assert (len(alone), len(resumed)) == (5, 3)
+    for one, other in zip(alone[2:], resumed, strict=True):
+        for a, b in zip(one, other, strict=True):
+            assert np.array_equal(a, b)
 
 
 def test_folders_and_composites_are_mixed_by_share(tmp_path: Path) -> None:
@@ -170,6 +184,14 @@ def test_rates_follow_the_legs() -> None:
     assert rates[99] == pytest.approx(1e-3, rel=0.01)
     assert rates[150] == pytest.approx((5e-4 + 1e-5) / 2)
     assert rates[199] == pytest.approx(1e-5, rel=0.02)
+
+
+@pytest.mark.parametrize("recipe", ["train.toml", "train-wide.toml"])
+def test_shipped_recipes_are_valid_and_end_small(recipe: str) -> None:
+    config = load_train_config(BUNDLED_MODEL.with_name(recipe))
+    rates = [learning_rate(config.stages, step) for step in (0, config.steps - 1)]
+    assert rates[1] < 2 * config.stages[-1].lr_end
+    assert config.rendered is not None
 
 
 def test_configuration_from_toml(tmp_path: Path) -> None:

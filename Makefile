@@ -18,11 +18,14 @@ help: ## list the targets
 run: $(VENV)/.installed ## run the quick benchmark on the bundled captures
 	$(BIN)/mattgs run $(ARGS)
 
+# a file's tests share fixtures and stay on one core; those that take longest begin (tests/conftest.py)
+PYTEST := $(BIN)/python -m pytest --numprocesses logical --dist loadfile --no-loadscope-reorder
+
 test: lint types $(VENV)/.installed-dev ## lint, types and all tests
-	$(BIN)/python -m pytest
+	$(PYTEST)
 
 quick-test: $(VENV)/.installed-dev ## tests without those marked slow
-	$(BIN)/python -m pytest -m "not slow"
+	$(PYTEST) -m "not slow"
 
 lint: $(VENV)/.installed-dev ## ruff, rules and format
 	$(BIN)/ruff check .

@@ -76,14 +76,6 @@ def from_opengl(camera_to_world: Array) -> tuple[Array, Array]:
     return rotation, -rotation @ camera_to_world[:3, 3]
 
 
-def to_opengl(rotation: Array, translation: Array) -> Array:
-    """Inverse of :func:`from_opengl`: camera-to-world [4, 4] with y up and z back."""
-    out = np.eye(4)
-    out[:3, :3] = rotation.T * [1.0, -1.0, -1.0]
-    out[:3, 3] = -rotation.T @ translation
-    return out
-
-
 def rotation_of(quaternion: Array) -> Array:
     """Turn a wxyz quaternion [4] of any length but zero into a rotation matrix [3, 3]."""
     w, x, y, z = quaternion / np.linalg.norm(quaternion)

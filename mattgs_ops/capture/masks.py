@@ -58,13 +58,6 @@ def clean(mask: Mask) -> Mask:
     return kept
 
 
-def on_white(image: NDArray[np.uint8], alpha: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Composite [H, W, 3] uint8 over white by ``alpha`` [H, W] uint8, straight alpha, rounded."""
-    share = alpha[..., None].astype(np.float32) / 255
-    blended = image.astype(np.float32) * share + 255 * (1 - share)
-    return np.asarray(np.rint(blended), dtype=np.uint8)
-
-
 def mask_name(photo: str) -> str:
     """File name of a photo's mask: ``IMG_1.jpg`` to ``IMG_1.jpg.png``."""
     return f"{photo}.png"

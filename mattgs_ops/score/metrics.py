@@ -86,12 +86,6 @@ METRICS: dict[str, Metric] = {m.id: m for m in (*_IMAGE, *_TRAINING, *_RUN)}
 IMAGE_METRICS = tuple(m.id for m in _IMAGE)
 
 
-def rounded(image: Image) -> NDArray[np.float64]:
-    """Return the image as an 8-bit file holds it: clamped, rounded to multiples of 1/255."""
-    values: NDArray[np.float64] = np.rint(np.clip(image, 0, 1).astype(np.float64) * 255) / 255
-    return values
-
-
 def psnr(image: Image, truth: Image) -> float:
     """Return the peak signal-to-noise ratio in dB, at most ``PSNR_CEILING``."""
     difference = _difference(image, truth)

@@ -105,16 +105,6 @@ def stratified(strata: Sequence[Sequence[float]], confidence: float = CONFIDENCE
     return Interval(mean, mean - half, mean + half, values.size)
 
 
-def known_spread(
-    values: Sequence[float] | Floats, deviation: float, confidence: float = CONFIDENCE
-) -> Interval:
-    """Interval of a mean whose values' standard deviation is known from elsewhere."""
-    array = np.asarray(values, dtype=np.float64)
-    mean = float(array.mean())
-    half = quantile(np.inf, confidence) * deviation / float(np.sqrt(array.size))
-    return Interval(mean, mean - half, mean + half, array.size)
-
-
 def quantile(freedom: float, confidence: float) -> float:
     """Return the two-sided quantile of Student's t; infinite freedom is the normal distribution."""
     return float(stdtrit(min(freedom, 1e9), 0.5 + confidence / 2))

@@ -44,7 +44,6 @@ _DECODER: dict[Variant, tuple[_Spec, ...]] = {  # stages 1d to 5d
     ),
     "u2netp": tuple((h, 128, 16, 64) for h in (7, 6, 5, 4, 0)),
 }
-OUTPUTS = 7
 
 
 class ConvBnRelu(nn.Module):

@@ -18,7 +18,6 @@ from mattgs_ops.sfm.colmap.matching import Matches, Pair, Verified
 
 FOCAL_GUESS = 1.2  # times the longest side, COLMAP's first guess where nothing is known
 SMALLEST_MODEL = 3  # views; fewer are no model
-FOCAL_RANGE = (0.1, 10.0)
 
 
 def build_cameras(views: Sequence[JobView], config: SfmConfig) -> list[Any]:

@@ -9,8 +9,8 @@ from mattgs_ops.capture.camera import (
     from_opengl,
     quaternion_of,
     rotation_of,
-    to_opengl,
 )
+from tests.reference.opengl import to_opengl
 
 PINHOLE = Intrinsics(width=8, height=6, fx=10.0, fy=12.0, cx=4.0, cy=3.0)
 

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from mattgs_ops.capture.masks import boundary_f, clean, mask_name, on_white, quality, threshold
+from mattgs_ops.capture.masks import boundary_f, clean, mask_name, quality, threshold
 
 
 def disc(size: int, centre: tuple[int, int], radius: int) -> np.ndarray:
@@ -37,12 +37,6 @@ def test_clean_keeps_a_second_large_part_and_background_at_the_border() -> None:
     assert cleaned[100, 150] == 255
     assert cleaned[0, 0] == 0
     assert clean(np.zeros((9, 9), np.uint8)).max() == 0
-
-
-def test_on_white_blends_straight_alpha() -> None:
-    image = np.full((1, 3, 3), 100, np.uint8)
-    alpha = np.array([[0, 128, 255]], np.uint8)
-    assert on_white(image, alpha)[0, :, 0].tolist() == [255, 177, 100]
 
 
 def test_mask_name_is_colmaps() -> None:

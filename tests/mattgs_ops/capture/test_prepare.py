@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from mattgs_ops.capture.camera import to_opengl
 from mattgs_ops.capture.prepare import prepare
 from mattgs_ops.capture.scene import PreparedCapture
 from mattgs_ops.config import CaptureConfig
 from mattgs_ops.errors import InputError
+from tests.reference.opengl import to_opengl
 
 WIDTH, HEIGHT = 48, 36
 NAMES = [f"IMG_{i:02}.png" for i in range(10)]

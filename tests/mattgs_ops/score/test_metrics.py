@@ -105,12 +105,6 @@ def test_eq_15_is_the_mean_of_weight_times_difference() -> None:
     assert metrics.weighted_l1(IMAGE, TRUTH, weights) == pytest.approx(total / (24 * 30 * 3))
 
 
-def test_rounding_is_to_what_a_file_holds() -> None:
-    values = np.array([[-0.5, 0.0, 0.1, 0.4999, 1.0, 1.7]])[..., None]
-    expected = np.array([[0, 0, 26, 127, 255, 255]])[..., None] / 255
-    np.testing.assert_allclose(metrics.rounded(values), expected)
-
-
 # ------------------------------------------------------------------------------- in the mask
 
 

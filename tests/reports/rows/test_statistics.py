@@ -53,11 +53,6 @@ def test_intervals_cover_at_least_as_often_as_they_say(views: int, seeds: int) -
     assert hits / trials > 0.93
 
 
-def test_a_known_spread_gives_the_normal_interval() -> None:
-    found = statistics.known_spread([0.0, 0.2], 0.1, 0.95)
-    assert found.half == pytest.approx(1.959964 * 0.1 / np.sqrt(2), rel=1e-5)
-
-
 def test_what_strata_differ_by_is_no_noise() -> None:
     found = statistics.stratified([[1.0, 1.2, 0.8], [5.0, 5.2, 4.8]], 0.95)
     assert found.mean == pytest.approx(3)

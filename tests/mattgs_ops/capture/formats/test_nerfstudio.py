@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from mattgs_ops.capture.camera import rotation_of, to_opengl
+from mattgs_ops.capture.camera import rotation_of
 from mattgs_ops.capture.formats.nerfstudio import read_nerfstudio
 from mattgs_ops.errors import InputError
+from tests.reference.opengl import to_opengl
 
 RNG = np.random.default_rng(5)
 QUATERNIONS = RNG.normal(size=(3, 4))

@@ -172,6 +172,11 @@ class Scene:
         """Return the views of a split that have a camera."""
         return tuple(v for v in self.views if v.split == split and v.camera is not None)
 
+    def example_view(self) -> View | None:
+        """Return the view to show where one stands for all: a held-out one with a camera if any."""
+        views = self.registered("test") or self.registered("train")
+        return views[len(views) // 2] if views else None
+
 
 def _read_arrays(path: Path, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
     """Read the arrays of an NPZ file; raises :class:`InputError` when it has not all of them."""

@@ -24,7 +24,7 @@ GRID = 33  # points per side on which the largest shift is sought
 
 
 @dataclass(frozen=True)
-class Plane:
+class PinholeConversion:
     """How one of COLMAP's cameras becomes a pinhole; ``resample`` is None where it is one."""
 
     lens: Lens
@@ -32,21 +32,21 @@ class Plane:
     resample: Undistortion | None
 
     def move(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Move key points [K, 2] from the photo to the pinhole's image plane."""
+        """Move key points [K, 2] from the photo to the pinhole's photo."""
         if self.resample is None or not len(xy):
             return xy
         new = self.pinhole
-        plane = self.lens.to_plane(xy)
-        return np.asarray(plane * [new.fx, new.fy] + [new.cx, new.cy], dtype=np.float64)
+        normalised = self.lens.to_plane(xy)
+        return np.asarray(normalised * [new.fx, new.fy] + [new.cx, new.cy], dtype=np.float64)
 
 
-def plane_of(camera: ColmapCamera) -> Plane:
+def pinhole_conversion(camera: ColmapCamera) -> PinholeConversion:
     """Decide whether photos of a camera are resampled, and to which pinhole."""
     lens = camera.lens()
     if lens.is_pinhole or largest_shift(lens) <= NEGLIGIBLE_SHIFT:
-        return Plane(lens, lens.intrinsics, None)
+        return PinholeConversion(lens, lens.intrinsics, None)
     resample = undistortion(lens)
-    return Plane(lens, resample.intrinsics, resample)
+    return PinholeConversion(lens, resample.intrinsics, resample)
 
 
 def largest_shift(lens: Lens) -> float:
@@ -60,36 +60,36 @@ def largest_shift(lens: Lens) -> float:
 
 def write_views(
     capture: PreparedCapture, masks: Path, model: SparseModel, out: Path, soft: Path | None = None
-) -> tuple[tuple[View, ...], SparseModel, dict[str, Plane | None]]:
+) -> tuple[tuple[View, ...], SparseModel, dict[str, PinholeConversion | None]]:
     """Write photos, masks, ids and, from ``soft``, saliency maps as the pinholes see them.
 
-    Returns the scene's views, the model with pinholes, and each view's plane. Views that were not
-    registered keep their place, without a camera; their lens is that of photos of their size, None
-    where there is no such photo.
+    Returns the scene's views, the model with pinholes, and each view's conversion. Views that were
+    not registered keep their place, without a camera; their lens is that of photos of their size,
+    None where there is no such photo.
     """
     (out / "photos").mkdir(parents=True, exist_ok=True)
     (out / "masks").mkdir(exist_ok=True)
-    planes = {number: plane_of(camera) for number, camera in model.cameras.items()}
+    conversions = {number: pinhole_conversion(camera) for number, camera in model.cameras.items()}
     by_name = {image.name: image for image in model.images.values()}
-    sizes = {(p.pinhole.width, p.pinhole.height): p for p in reversed(list(planes.values()))}
+    sizes = {(p.pinhole.width, p.pinhole.height): p for p in reversed(list(conversions.values()))}
     views: list[View] = []
-    used: dict[str, Plane | None] = {}
+    used: dict[str, PinholeConversion | None] = {}
     for view in capture.views:
         image = by_name.get(view.photo.name)
         camera = None
-        plane = sizes.get((view.width, view.height))
+        conversion = sizes.get((view.width, view.height))
         if image is not None:
-            plane = planes[image.camera]
-            camera = Camera(plane.pinhole, image.rotation, image.translation)
+            conversion = conversions[image.camera]
+            camera = Camera(conversion.pinhole, image.rotation, image.translation)
         photo = out / "photos" / view.photo.name
         mask = out / "masks" / f"{view.name}.png"
-        if plane is None or plane.resample is None:
+        if conversion is None or conversion.resample is None:
             shutil.copyfile(view.photo, photo)
             shutil.copyfile(mask_path(masks, view), mask)
         else:
-            _write(photo, plane.resample.photo(_read_photo(view)))
-            _write(mask, plane.resample.mask(read_mask(masks, view)))
-        lens = None if plane is None else plane.resample
+            _write(photo, conversion.resample.photo(_read_photo(view)))
+            _write(mask, conversion.resample.mask(read_mask(masks, view)))
+        lens = None if conversion is None else conversion.resample
         if soft is not None:
             _write_map(
                 soft / mask.name, None if lens is None else _soft(lens), out / "soft" / mask.name
@@ -98,19 +98,21 @@ def write_views(
         if view.ids is not None and ids is not None:
             _write_map(view.ids, None if lens is None else lens.ids, ids)
         views.append(replace(view, photo=photo, mask=mask, camera=camera, ids=ids))
-        used[view.name] = plane
-    return tuple(views), _pinholes(model, planes), used
+        used[view.name] = conversion
+    return tuple(views), _pinholes(model, conversions), used
 
 
-def write_keypoints(found: Path, planes: Mapping[str, Plane | None], out: Path) -> None:
+def write_keypoints(
+    found: Path, conversions: Mapping[str, PinholeConversion | None], out: Path
+) -> None:
     """Write the worker's key points as pixels of the scene's photos, with the same arrays."""
     with np.load(found) as data:
         arrays = dict(data)
     parts = np.split(arrays["xy"].astype(np.float64), np.cumsum(arrays["counts"])[:-1])
     moved = []
     for name, xy in zip(arrays["names"], parts, strict=True):
-        plane = planes[str(name)]
-        moved.append(xy if plane is None else plane.move(xy))
+        conversion = conversions[str(name)]
+        moved.append(xy if conversion is None else conversion.move(xy))
     arrays["xy"] = np.concatenate(moved).astype(np.float32)
     np.savez_compressed(out, **arrays)
 
@@ -127,13 +129,13 @@ def vote(views: tuple[View, ...], model: SparseModel) -> SparsePoints:
     return object_points(model, cameras, masks)
 
 
-def _pinholes(model: SparseModel, planes: dict[int, Plane]) -> SparseModel:
+def _pinholes(model: SparseModel, conversions: dict[int, PinholeConversion]) -> SparseModel:
     cameras = {}
-    for number, plane in planes.items():
-        i = plane.pinhole
+    for number, conversion in conversions.items():
+        i = conversion.pinhole
         cameras[number] = ColmapCamera("PINHOLE", i.width, i.height, (i.fx, i.fy, i.cx, i.cy))
     images = {
-        number: replace(image, xy=planes[image.camera].move(image.xy))
+        number: replace(image, xy=conversions[image.camera].move(image.xy))
         for number, image in model.images.items()
     }
     return replace(model, cameras=cameras, images=images)

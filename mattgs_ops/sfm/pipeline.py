@@ -18,14 +18,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from mattgs_ops.capture import sparse
+from mattgs_ops.capture import sparse, visual_hull
 from mattgs_ops.capture.formats import colmap_model
 from mattgs_ops.capture.scene import PreparedCapture, Scene, View
 from mattgs_ops.capture.sparse import SparseModel
 from mattgs_ops.config import SfmConfig
 from mattgs_ops.errors import StageError
 from mattgs_ops.progress import Progress, no_progress
-from mattgs_ops.sfm import alignment, assemble, figure, given_points, lost_views, visual_hull
+from mattgs_ops.sfm import alignment, assemble, figure, given_points, lost_views
 from mattgs_ops.sfm.checks import check, mask_path
 from mattgs_ops.sfm.colmap.job import KEYPOINTS_FILE, MODEL_FOLDER, Answer, Job, JobView
 from mattgs_ops.sfm.colmap.process import run_worker
@@ -119,8 +119,8 @@ def _solve(
             found = given_points.with_held_out(found, capture)
             posed = {image.name for image in found.images.values()}
             answer.registered = [v.name for v in capture.views if v.photo.name in posed]
-        views, model, planes = assemble.write_views(capture, masks, found, out, soft)
-        assemble.write_keypoints(workspace / KEYPOINTS_FILE, planes, out / KEYPOINTS_FILE)
+        views, model, conversions = assemble.write_views(capture, masks, found, out, soft)
+        assemble.write_keypoints(workspace / KEYPOINTS_FILE, conversions, out / KEYPOINTS_FILE)
     finally:
         shutil.rmtree(workspace, ignore_errors=True)
     return views, model, answer

@@ -11,7 +11,6 @@ from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from mattgs_ops.capture.scene import Scene, View
-from mattgs_ops.capture.scene_example import example
 from reports.figures import findings, pictures
 from reports.figures.attention import attention
 from reports.figures.picture_grid import GAP, TOP, bare, canvas, clear, show, side
@@ -116,7 +115,7 @@ def masked_sfm(captures: Sequence[tuple[str, Row]], root: Path | None, folder: P
         place = artifact(row, "scene", root)
         if place is not None and (place / "scene.json").is_file():
             scene = Scene.load(place)
-            view = example(scene)
+            view = scene.example_view()
             if view is not None:
                 found.append((name, scene, view))
     return [_masked_sfm(part, folder, slug, sheet) for slug, sheet, part in sheets(found)]

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from mattgs_ops.capture.scene import Scene
-from mattgs_ops.capture.scene_example import example
 from mattgs_ops.naming import slug
 from tasks.registry import interface_view, orphans, promotion, runs, summary
 from tasks.registry.live_curves import CURVE_FILE, read_curve
@@ -153,7 +152,7 @@ def _files(place: Place, row: Row, artifacts: dict[str, Artifact]) -> Iterator[t
 
 def _example(folder: Path) -> Iterator[tuple[Path, str]]:
     """Yield the one photo and mask of the scene that figures show."""
-    view = example(Scene.load(folder))
+    view = Scene.load(folder).example_view()
     for path in () if view is None else (view.photo, view.mask):
         if path is not None and path.is_file():
             yield path, f"scene/{path.relative_to(folder).parent.as_posix()}"

@@ -6,10 +6,9 @@ is 0.1, the rotation none.
 
 ``nobg`` starts from the points of the object alone: those that lie inside the mask in at least
 80 % of the views that see them. Where fewer than 100 points are left (for ``original`` of all
-points), 10,000 points are drawn at random, seeded, in the volume the cameras share: a cube around
-the point nearest to all optical axes, kept where at least half the cameras see the point and, for
-``nobg``, where it is inside the mask of nearly all of those that do (a coarse visual hull). Only
-training views are asked, for cameras, masks and colours alike.
+points), 10,000 points are drawn at random, seeded, in the volume the cameras share and, for
+``nobg``, in the masks' visual hull (:mod:`mattgs_ops.capture.visual_hull`). Cameras, masks and
+colours come from training views only.
 """
 
 from collections.abc import Sequence
@@ -21,6 +20,7 @@ import torch
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mattgs_ops.capture import visual_hull
 from mattgs_ops.capture.camera import Camera
 from mattgs_ops.capture.scene import SparsePoints
 from mattgs_ops.capture.sparse import OBJECT_SHARE
@@ -37,9 +37,7 @@ NEIGHBOURS = 3
 SMALLEST_SQUARED = 1e-7  # squared distance: coincident points would have no extent at all
 FEWEST_POINTS = 100
 RANDOM_POINTS = 10_000
-SEEN_SHARE = 0.5  # of the cameras must see a random point
-HULL_SHARE = 0.95  # of the views that see it must have it in their mask: masks are not perfect
-DRAW_ROUNDS = 64  # batches of RANDOM_POINTS drawn before the volume counts as empty
+HALF_COVERED = 128  # of 255: from here on a mask's pixel counts as object
 EXTENT_MARGIN = 1.1  # as in 3DGS's getNerfppNorm
 
 
@@ -120,52 +118,19 @@ def scene_extent(cameras: Sequence[Camera]) -> float:
     return extent * EXTENT_MARGIN
 
 
-def nearest_to_axes(cameras: Sequence[Camera]) -> Array:
-    """Return the point [3] with the least squared distance to all optical axes."""
-    axes = np.array([camera.rotation[2] for camera in cameras])  # z forward, world coordinates
-    centres = np.array([camera.centre for camera in cameras])
-    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]  # projects onto the axis' normal plane
-    right = (across @ centres[:, :, None]).sum(axis=0)[:, 0]
-    solution: Array = np.linalg.lstsq(across.sum(axis=0), right, rcond=None)[0]
-    return solution
-
-
 def _random_points(
     views: Sequence[StoredView], background: Background, rng: np.random.Generator
 ) -> Array:
+    masks = [(view.mask >= HALF_COVERED).astype(np.uint8) for view in views]
     cameras = [view.camera for view in views]
-    focus = nearest_to_axes(cameras)
-    distance = float(np.median([np.linalg.norm(c.centre - focus) for c in cameras]))
-    # half the width of the frame at the focus; an object that fills more is not seen whole
-    lenses = [camera.intrinsics for camera in cameras]
-    field = float(np.median([max(i.width / i.fx, i.height / i.fy) for i in lenses]))
-    half = distance * field / 2
-    found: list[Array] = []
-    for _ in range(DRAW_ROUNDS):
-        batch = focus + rng.uniform(-half, half, (RANDOM_POINTS, 3))
-        found.append(batch[_in_common_volume(batch, views, background)])
-        if sum(map(len, found)) >= RANDOM_POINTS:
-            break
-    points: Array = np.concatenate(found)[:RANDOM_POINTS]
+    used = masks if background == "nobg" else None
+    points = visual_hull.sample(cameras, used, RANDOM_POINTS, rng)
     if len(points) < FEWEST_POINTS:
         raise StageError(
             f"too few sparse points, and the {len(views)} training cameras share no volume to "
             f"draw random ones in: expected {FEWEST_POINTS} points, found {len(points)}"
         )
     return points
-
-
-def _in_common_volume(
-    points: Array, views: Sequence[StoredView], background: Background
-) -> NDArray[np.bool_]:
-    seen = np.zeros(len(points), dtype=np.int64)
-    inside = np.zeros(len(points), dtype=np.int64)
-    for view in views:
-        visible, columns, rows = _pixels_of(points, view)
-        seen += visible
-        inside[visible] += view.mask[rows, columns] >= 128
-    shared = seen >= max(1.0, SEEN_SHARE * len(views))
-    return shared & (inside >= HULL_SHARE * seen) if background == "nobg" else shared
 
 
 def _mean_colours(points: Array, views: Sequence[StoredView]) -> Array:

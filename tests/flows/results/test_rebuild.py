@@ -9,7 +9,6 @@ import pytest
 
 from flows.results.rebuild import rebuild_report
 from mattgs_ops.capture.scene import Scene
-from mattgs_ops.capture.scene_example import example
 from mattgs_ops.errors import InputError
 from reports.page.build import build
 from tasks.registry import promotion, record, runs, summary
@@ -36,7 +35,7 @@ def files_of(row: Row, root: Path) -> list[tuple[Path, str]]:
             if (folder / file).exists():
                 found.append((folder / file, place))
     scene = Scene.load(root / row["artifacts"]["scene"])
-    view = example(scene)
+    view = scene.example_view()
     assert view is not None
     assert view.mask is not None
     return [*found, (view.photo, "scene/photos"), (view.mask, "scene/masks")]

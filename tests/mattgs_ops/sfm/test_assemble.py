@@ -22,9 +22,9 @@ def test_the_largest_shift_is_that_of_the_farthest_corner() -> None:
 
 def test_a_distortion_that_nobody_sees_is_not_worth_a_resampling() -> None:
     slight = ColmapCamera("SIMPLE_RADIAL", *SIZE, (400.0, 160.0, 120.0, 0.004))
-    assert assemble.plane_of(slight).resample is None
+    assert assemble.pinhole_conversion(slight).resample is None
     strong = ColmapCamera("SIMPLE_RADIAL", *SIZE, (400.0, 160.0, 120.0, 0.006))
-    assert assemble.plane_of(strong).resample is not None
+    assert assemble.pinhole_conversion(strong).resample is not None
 
 
 @pytest.mark.parametrize("k", [-0.15, 0.12])
@@ -51,12 +51,12 @@ def test_dots_photos_masks_and_key_points_move_together(tmp_path: Path, k: float
     xyz = np.concatenate([rays, np.ones((4, 1))], axis=1) * 5
     model = SparseModel({1: camera}, images, xyz, np.zeros((4, 3), np.uint8), np.zeros(4))
 
-    out, pinholes, planes = assemble.write_views(
+    out, pinholes, conversions = assemble.write_views(
         capture, tmp_path / "masks", model, tmp_path / "out"
     )
     keypoints = tmp_path / "k.npz"
     np.savez(keypoints, names=np.array([v.name for v in views]), counts=np.ones(4, int), xy=lens)
-    assemble.write_keypoints(keypoints, planes, tmp_path / "out" / "k.npz")
+    assemble.write_keypoints(keypoints, conversions, tmp_path / "out" / "k.npz")
     moved = np.load(tmp_path / "out" / "k.npz")["xy"]
     for n, view in enumerate(out):
         assert view.camera is not None

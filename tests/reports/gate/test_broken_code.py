@@ -20,6 +20,7 @@ from PIL import Image
 
 import mattgs_ops
 from benchmarks import gate_runs
+from mattgs_ops.capture import visual_hull
 from mattgs_ops.capture.prepare import prepare
 from mattgs_ops.capture.scene import Scene, SparsePoints, View
 from mattgs_ops.config import (
@@ -32,7 +33,6 @@ from mattgs_ops.method import MethodConfig
 from mattgs_ops.score import evaluate
 from mattgs_ops.segment import infer
 from mattgs_ops.segment.mask_report import MaskReport
-from mattgs_ops.sfm import visual_hull
 from mattgs_ops.splat import render as rendering
 from mattgs_ops.splat.files.ply import read_ply, write_ply
 from mattgs_ops.splat.gaussians import Splats

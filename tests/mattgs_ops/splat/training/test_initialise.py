@@ -13,7 +13,6 @@ from mattgs_ops.splat.photos import StoredView, store_views
 from mattgs_ops.splat.training.initialise import (
     StartingPoints,
     initial_splats,
-    nearest_to_axes,
     scene_extent,
     starting_points,
 )
@@ -140,7 +139,3 @@ def test_the_extent_is_the_farthest_camera_from_their_mean(make_cameras: MakeCam
     assert scene_extent(cameras) == pytest.approx(expected)
     with pytest.raises(StageError, match="from one place"):
         scene_extent(cameras[:1] * 3)
-
-
-def test_the_focus_is_where_all_axes_meet(make_cameras: MakeCameras) -> None:
-    np.testing.assert_allclose(nearest_to_axes(make_cameras(5)), 0, atol=1e-9)

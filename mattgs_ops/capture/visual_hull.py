@@ -1,4 +1,4 @@
-"""Random points inside the masks' visual hull, for objects on which nothing can be triangulated.
+"""Random points in the masks' visual hull, for where too few points could be triangulated.
 
 3DGS starts from random points where there is no sparse model (Kerbl et al. 2023, section 7); the
 masks confine them to where the object can be (Laurentini 1994).
@@ -16,29 +16,41 @@ from mattgs_ops.capture.sparse import inside
 from mattgs_ops.errors import StageError
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.uint8]
+SEEN_SHARE = 0.5  # of the cameras must have a point in their frame
 # Of the views that have a point in their frame, this share must place it in the mask; masks are
 # never perfect, and one bad one must not carve the object away.
-AGREEMENT = 0.9
+HULL_SHARE = 0.9
 ROUNDS = 200  # of ``count`` candidates each; enough for a hull of half a percent of the volume
 
 
+def sample(
+    cameras: Sequence[Camera], masks: Sequence[Mask] | None, count: int, rng: np.random.Generator
+) -> Array:
+    """Return at most ``count`` points [P, 3], uniform in the volume that the cameras share.
+
+    With ``masks`` ([H, W] of each camera's size, object where not 0) only points of their visual
+    hull. Fewer points, or none, come back where the volume is nearly or wholly empty.
+    """
+    centre, half = shared_cube(cameras)
+    found: list[Array] = []
+    for _ in range(ROUNDS):
+        points = centre + rng.uniform(-half, half, (count, 3))
+        found.append(points[_in_hull(points, cameras, masks)])
+        if sum(map(len, found)) >= count:
+            break
+    return np.concatenate(found)[:count]
+
+
 def fill(views: Sequence[View], count: int, seed: int) -> SparsePoints:
-    """Return ``count`` points uniform in the visual hull, coloured as the training photos see them.
+    """Return at most ``count`` points of the visual hull, coloured as the training photos see them.
 
     Raises :class:`StageError` when masks and cameras agree on no volume.
     """
     posed = [v for v in views if v.camera is not None and v.mask is not None]
     cameras = [v.camera for v in posed if v.camera is not None]
     masks = [_read(str(v.mask), cv2.IMREAD_GRAYSCALE) for v in posed]
-    centre, radius = look_at_volume(cameras)
-    rng = np.random.default_rng(seed)
-    kept: list[Array] = []
-    for _ in range(ROUNDS):
-        points = centre + radius * rng.uniform(-1, 1, (count, 3))
-        kept.append(points[_agreed(points, cameras, masks)])
-        if sum(map(len, kept)) >= count:
-            break
-    xyz = np.concatenate(kept)[:count]
+    xyz = sample(cameras, masks, count, np.random.default_rng(seed))
     if not len(xyz):
         raise StageError(
             "random points: masks and camera poses have no common volume; expected poses under "
@@ -48,24 +60,27 @@ def fill(views: Sequence[View], count: int, seed: int) -> SparsePoints:
     return SparsePoints(xyz, rgb, np.ones(len(xyz), dtype=np.float32), seen)
 
 
-def look_at_volume(cameras: Sequence[Camera]) -> tuple[Array, float]:
-    """Return the point nearest to all lines of sight, and the radius that every view holds.
+def shared_cube(cameras: Sequence[Camera]) -> tuple[Array, float]:
+    """Return middle [3] and half the side of the cube, in world units, that the cameras look at.
 
-    The radius is the largest of a ball about that point that fits every view's cone, at least a
-    tenth of the mean distance.
+    The middle is the point nearest to all optical axes; half the side is half the width of the
+    frame there (medians over the cameras): an object that fills more is not seen in full.
     """
-    sights = np.array([c.rotation[2] for c in cameras])
-    centres = np.array([c.centre for c in cameras])
-    across = np.eye(3) - sights[:, :, None] * sights[:, None, :]  # projections off each line
-    target = np.linalg.lstsq(across.sum(0), (across @ centres[:, :, None]).sum(0), rcond=None)
-    centre = target[0][:, 0]
-    distances = np.linalg.norm(centres - centre, axis=1)
-    slopes = [
-        max(c.intrinsics.width / c.intrinsics.fx, c.intrinsics.height / c.intrinsics.fy) / 2
-        for c in cameras
-    ]
-    cones = distances * np.sin(np.arctan(slopes))
-    return centre, float(max(cones.min(), 0.1 * distances.mean()))
+    middle = nearest_to_axes(cameras)
+    distance = float(np.median([np.linalg.norm(c.centre - middle) for c in cameras]))
+    lenses = [camera.intrinsics for camera in cameras]
+    field = float(np.median([max(i.width / i.fx, i.height / i.fy) for i in lenses]))
+    return middle, distance * field / 2
+
+
+def nearest_to_axes(cameras: Sequence[Camera]) -> Array:
+    """Return the point [3] with the least squared distance to all optical axes."""
+    axes = np.array([camera.rotation[2] for camera in cameras])  # z forward, world coordinates
+    centres = np.array([camera.centre for camera in cameras])
+    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]  # projects onto the axis' normal plane
+    right = (across @ centres[:, :, None]).sum(axis=0)[:, 0]
+    solution: Array = np.linalg.lstsq(across.sum(axis=0), right, rcond=None)[0]
+    return solution
 
 
 def joined(first: SparsePoints, second: SparsePoints) -> SparsePoints:
@@ -78,15 +93,18 @@ def joined(first: SparsePoints, second: SparsePoints) -> SparsePoints:
     )
 
 
-def _agreed(
-    points: Array, cameras: Sequence[Camera], masks: Sequence[NDArray[np.uint8]]
+def _in_hull(
+    points: Array, cameras: Sequence[Camera], masks: Sequence[Mask] | None
 ) -> NDArray[np.bool_]:
     framed, votes = np.zeros(len(points)), np.zeros(len(points))
-    for camera, mask in zip(cameras, masks, strict=True):
+    for index, camera in enumerate(cameras):
         pixels, depths = camera.project(points)
-        framed += inside(np.full_like(mask, 255), pixels, depths)
-        votes += inside(mask, pixels, depths)
-    return (framed >= len(cameras) / 2) & (votes >= AGREEMENT * framed)
+        lens = camera.intrinsics
+        framed += inside(np.ones((lens.height, lens.width), dtype=np.uint8), pixels, depths)
+        if masks is not None:
+            votes += inside(masks[index], pixels, depths)
+    shared = framed >= max(1.0, SEEN_SHARE * len(cameras))
+    return shared if masks is None else shared & (votes >= HULL_SHARE * framed)
 
 
 def _colours(xyz: Array, views: Sequence[View]) -> tuple[NDArray[np.uint8], NDArray[np.int32]]:
@@ -107,7 +125,7 @@ def _colours(xyz: Array, views: Sequence[View]) -> tuple[NDArray[np.uint8], NDAr
     return np.rint(total / np.maximum(hits, 1)[:, None]).astype(np.uint8), hits
 
 
-def _read(path: str, how: int) -> NDArray[np.uint8]:
+def _read(path: str, how: int) -> Mask:
     image = cv2.imread(path, how)
     if image is None:
         raise StageError(f"{path}: expected a readable image")

@@ -7,18 +7,30 @@ import cv2
 import numpy as np
 import pytest
 
+from mattgs_ops.capture import visual_hull
 from mattgs_ops.capture.scene import PreparedCapture
 from mattgs_ops.errors import StageError
-from mattgs_ops.sfm import visual_hull
 
 
-def test_the_volume_is_around_what_the_cameras_look_at(box_capture: PreparedCapture) -> None:
+def test_the_volume_is_what_the_cameras_look_at(box_capture: PreparedCapture) -> None:
     cameras = [v.camera for v in box_capture.views if v.camera is not None]
-    centre, radius = visual_hull.look_at_volume(cameras)
-    assert np.allclose(centre, [0, 0, 0.3], atol=1e-9)  # where the capture's cameras aim
-    for camera in cameras:  # a ball that each of them holds
-        distance = np.linalg.norm(camera.centre - centre)
-        assert radius <= distance * np.sin(np.arctan(camera.intrinsics.width / 2 / 260)) + 1e-9
+    middle, half = visual_hull.shared_cube(cameras)
+    assert np.allclose(middle, [0, 0, 0.3], atol=1e-9)  # where the capture's cameras aim
+    distances = [float(np.linalg.norm(camera.centre - middle)) for camera in cameras]
+    lens = cameras[0].intrinsics
+    assert half == pytest.approx(np.median(distances) * lens.width / 2 / lens.fx)
+
+
+def test_without_masks_points_are_in_half_the_frames(box_capture: PreparedCapture) -> None:
+    cameras = [v.camera for v in box_capture.views if v.camera is not None]
+    points = visual_hull.sample(cameras, None, 200, np.random.default_rng(0))
+    assert points.shape == (200, 3)
+    seen = np.zeros(len(points))
+    for camera in cameras:
+        pixels, depths = camera.project(points)
+        size = [camera.intrinsics.width, camera.intrinsics.height]
+        seen += (depths > 0) & ((pixels >= 0) & (pixels < size)).all(axis=1)
+    assert (seen >= len(cameras) / 2).all()
 
 
 def test_points_fill_the_hull_and_nothing_else(box_capture: PreparedCapture) -> None:

@@ -16,7 +16,7 @@ from mattgs_ops.sfm.colmap.job import Answer
 from mattgs_ops.sfm.colmap.matching import partners
 from mattgs_ops.sfm.lost_views import lost_views, second_groups, warnings
 from mattgs_ops.sfm.pipeline import _require
-from tests.mattgs_ops.sfm.conftest import HEIGHT, WIDTH, cast, orbit, print_texture
+from tests.mattgs_ops.conftest import HEIGHT, WIDTH, cast, orbit, print_texture
 
 NAMES = [f"{letter}.jpg" for letter in "abcdefgh"]
 

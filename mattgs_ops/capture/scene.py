@@ -169,8 +169,15 @@ class Scene:
         return SparsePoints(**_read_arrays(self.folder / "points.npz", names))
 
     def registered(self, split: Split) -> tuple[View, ...]:
-        """Return the views of a split that have a camera."""
-        return tuple(v for v in self.views if v.split == split and v.camera is not None)
+        """Return the views of a split that have a camera and were not dropped."""
+        lost = set(self.dropped)
+        found = (v for v in self.views if v.split == split and v.camera is not None)
+        return tuple(view for view in found if view.name not in lost)
+
+    @property
+    def dropped(self) -> tuple[str, ...]:
+        """Names of views in which no object was found: nothing is trained or scored on them."""
+        return tuple(self.extra.get("dropped", ()))
 
     def example_view(self) -> View | None:
         """Return the view to show where one stands for all: a held-out one with a camera if any."""

@@ -1,6 +1,7 @@
 """Cross-view masks: what all views agree on corrects each photo's mask. Comes after ``splat``.
 
-``cross_view`` trains splats for a short while and lets views vote; ``attached_parts`` joins what
-touches the object in 3D; ``ground_plane`` finds the plane it stands on. Public face:
-``cross_view.agree``.
+``silhouettes`` predicts each view's map from the others' outlines; ``splat_votes`` lets views vote
+through splats; ``attached_parts`` joins what touches the object in 3D, ``ground_plane`` finds the
+plane it stands on; ``decision`` weighs votes, silhouettes and maps; ``cross_view`` runs it all.
+Public face: ``cross_view.agree``.
 """

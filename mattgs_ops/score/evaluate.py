@@ -115,8 +115,9 @@ def render_views(
     """
     shown: Colour = WHITE if condition.background == "nobg" else background
     chosen = [*scene.registered("test"), *scene.registered("train")[::train_every]]
-    missing = tuple(v.name for v in scene.views if v.split == "test" and v.camera is None)
-    if not scene.registered("test"):
+    usable = {view.name for view in scene.registered("test")}
+    missing = tuple(v.name for v in scene.views if v.split == "test" and v.name not in usable)
+    if not usable:
         raise StageError(
             f"scene {scene.name}: expected test views with a camera, found none of {len(missing)}"
         )

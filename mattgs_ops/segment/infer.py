@@ -45,8 +45,9 @@ def segment(
 ) -> MaskReport:
     """Write a mask for every view; see the module's docstring.
 
-    Raises :class:`InputError` for a bad model or bad given masks, :class:`StageError` naming the
-    photo in which nothing was found.
+    A photo in which nothing was found gets a black mask and the flag ``empty``: its view is dropped
+    later, unless other views lend it a mask. Raises :class:`InputError` for a bad model or bad
+    given masks, and :class:`StageError` where nothing was found in any photo.
     """
     source = resolve_source(capture, config)
     network = None
@@ -61,8 +62,6 @@ def segment(
     rows: list[tuple[float, float, ViewReport]] = []
 
     def keep(view: View, soft: SoftMap, mask: Mask) -> None:
-        if not mask.any():
-            raise StageError(f"{view.name}: the segmentation found no object in this photo")
         write_mask(out / "masks" / mask_name(view.name), mask)
         write_mask(out / "soft" / mask_name(view.name), np.rint(soft * 255).astype(np.uint8))
         rows.append((border_share(mask), *_scored(view, mask, soft, capture)))
@@ -75,6 +74,11 @@ def segment(
         for view in capture.views:
             mask = _without_network(view, source)
             keep(view, (mask / np.float32(255)).astype(np.float32), mask)
+    if not any(row[1] for row in rows):
+        raise StageError(
+            f"{capture.name}: no object was found in any of {len(rows)} photos; give masks of your "
+            "own (--masks), or another network (segment.model)"
+        )
     flags = flags_of([row[1] for row in rows], [row[0] for row in rows])
     reports = (
         ViewReport(row[2].name, row[1], () if source == "none" else flag, row[2].quality)

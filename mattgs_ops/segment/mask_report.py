@@ -19,7 +19,10 @@ FRAME_SHARE = 0.25  # of the photo's border under the mask: cut off, or backgrou
 
 @dataclass(frozen=True)
 class ViewReport:
-    """One photo: foreground share 0..1, flags (``empty``, ``full``, ``outlier``, ``frame``)."""
+    """One photo: foreground share 0..1, and flags.
+
+    Flags are ``empty``, ``full``, ``outlier``, ``frame`` and ``differs``; see :func:`flags_of`.
+    """
 
     name: str
     foreground: float
@@ -79,11 +82,14 @@ class MaskReport:
             raise InputError(f"{path}: expected a mask report: {error!r}") from error
 
 
-def flags_of(masks_shares: Sequence[float], frames: Sequence[float]) -> list[tuple[str, ...]]:
+def flags_of(
+    masks_shares: Sequence[float], frames: Sequence[float], differs: Sequence[bool] = ()
+) -> list[tuple[str, ...]]:
     """Return flags by view from foreground shares and shares of the border that are foreground.
 
     A view is an outlier when its share differs from the median of its neighbours by name by more
-    than ``OUTLIER_FACTOR`` either way: an orbit's silhouettes change slowly.
+    than ``OUTLIER_FACTOR`` either way: an orbit's silhouettes change slowly. ``differs`` says which
+    masks share less with the network's own than they differ from it.
     """
     count = len(masks_shares)
     result = []
@@ -99,6 +105,8 @@ def flags_of(masks_shares: Sequence[float], frames: Sequence[float]) -> list[tup
             flags.append("outlier")
         if frames[i] > FRAME_SHARE:
             flags.append("frame")
+        if any(differs[i : i + 1]):
+            flags.append("differs")
         result.append(tuple(flags))
     return result
 

@@ -182,6 +182,7 @@ def _report(
         "second_groups": lost_views.second_groups(answer),
         "warnings": lost_views.warnings(capture, answer),
         "empty_masks": empty,
+        "dropped": empty,  # until other views lend them a mask
         "models": answer.models,
         "keypoints": {"original": whole, "masked": masked},
         "keypoint_reduction": 1 - masked / whole if whole else None,

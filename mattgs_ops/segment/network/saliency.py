@@ -53,7 +53,8 @@ class SaliencyNetwork:
     def soft_maps(self, photos: Sequence[NDArray[np.uint8]], names: Sequence[str]) -> list[SoftMap]:
         """Photos [H, W, 3] RGB to maps [H, W] in 0..1, each stretched to the whole range.
 
-        Raises :class:`StageError` naming the photo whose map is constant or empty.
+        A photo in which nothing was found gets a map of zeros. Raises :class:`StageError` naming
+        the photo whose map is not finite.
         """
         inputs = [network_input(photo, self.width, self.height) for photo in photos]
         maps: list[NDArray[np.float32]] = []
@@ -89,13 +90,17 @@ def _fits(shape: Sequence[object], *, channels: int) -> bool:
 
 
 def stretched(raw: NDArray[np.float32], width: int, height: int, name: str) -> SoftMap:
-    """Min–max a map to 0..1 and resize it to the photo; refuse one that shows nothing."""
+    """Min–max a map to 0..1 and resize it to the photo; one that shows nothing becomes all 0.
+
+    Raises :class:`StageError` naming the photo where the map is not finite.
+    """
     low, high = float(raw.min()), float(raw.max())
-    if not np.isfinite(low + high) or high - low < LEAST_CONTRAST:
+    if not np.isfinite(low + high):
         raise StageError(
-            f"{name}: the segmentation found no object: expected a map with contrast, found one "
-            f"between {low:.3g} and {high:.3g}; give masks of your own, or use refine/grabcut"
+            f"{name}: expected a map of finite numbers, found one between {low:.3g} and {high:.3g}"
         )
+    if high - low < LEAST_CONTRAST:
+        return np.zeros((height, width), np.float32)
     scaled = (raw - low) / (high - low)
     resized = cv2.resize(scaled, (width, height), interpolation=cv2.INTER_CUBIC)
     return np.asarray(np.clip(resized, 0, 1), dtype=np.float32)

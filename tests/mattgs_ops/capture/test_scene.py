@@ -51,6 +51,12 @@ def test_a_scene_can_be_moved_and_knows_which_views_are_registered(tmp_path: Pat
         np.testing.assert_array_equal(getattr(scene.points(), key), value)
 
 
+def test_a_dropped_view_is_neither_trained_on_nor_scored(tmp_path: Path) -> None:
+    scene = Scene("toy", tmp_path, views(tmp_path), {"dropped": ["b.jpg"]})
+    assert scene.registered("train") == ()
+    assert scene.dropped == ("b.jpg",)
+
+
 def test_a_file_of_another_schema_is_refused_by_name(tmp_path: Path) -> None:
     (tmp_path / "scene.json").write_text('{"schema": 99}', encoding="utf-8")
     with pytest.raises(InputError, match=r"scene\.json: expected schema 1, found 99"):

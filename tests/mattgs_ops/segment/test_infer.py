@@ -86,6 +86,18 @@ def test_a_network_cuts_every_photo_out(tmp_path: Path, redness: Path) -> None:
     assert MaskReport.load(tmp_path / "out/masks.json") == report
 
 
+def test_one_photo_with_nothing_in_it_gets_a_black_mask_and_a_flag(
+    tmp_path: Path, redness: Path
+) -> None:
+    source = capture(tmp_path / "in", "none")
+    cv2.imwrite(str(source.views[1].photo), np.full((HEIGHT, WIDTH, 3), (90, 110, 40), np.uint8))
+    report = segment(source, SegmentConfig(model=redness), tmp_path / "out")
+    masks = masks_in(tmp_path / "out/masks")
+    assert [bool(mask.any()) for mask in masks.values()] == [True, False, True]
+    assert "empty" in report.views[1].flags
+    assert "empty" not in report.views[0].flags
+
+
 def test_fixed_batches_are_filled_up(tmp_path: Path) -> None:
     model = exported(Redness(), tmp_path / "two.onnx", (2, 3, 32, 32), batch=False)
     source = capture(tmp_path / "in")
@@ -170,11 +182,11 @@ class Grey(nn.Module):
         return image.mean(1, keepdim=True)
 
 
-def test_a_map_that_shows_nothing_names_the_photo(tmp_path: Path) -> None:
+def test_nothing_found_anywhere_ends_the_capture(tmp_path: Path) -> None:
     model = exported(Flat(), tmp_path / "flat.onnx", (1, 3, 32, 32))
-    with pytest.raises(StageError, match=r"v0\.jpg: .*between 0\.3 and 0\.3"):
+    with pytest.raises(StageError, match="discs: no object was found in any of 3 photos"):
         segment(capture(tmp_path / "in"), SegmentConfig(model=model), tmp_path / "out")
-    with pytest.raises(StageError, match="nan"):
+    with pytest.raises(StageError, match=r"a\.jpg: .*nan"):
         stretched(np.full((2, 2), np.nan, np.float32), 4, 4, "a.jpg")
 
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 import torch
 
-from mattgs_ops.capture.camera import Camera, Intrinsics
-from mattgs_ops.object_masks.cross_view import (
-    SHARE,
+from mattgs_ops.capture.camera import Camera
+from mattgs_ops.object_masks.splat_votes import (
     Place,
     ask,
+    collect,
     locate,
     show,
     standing,
@@ -20,24 +20,17 @@ from mattgs_ops.object_masks.cross_view import (
     whole,
 )
 from mattgs_ops.splat.gaussians import Splats
+from tests.mattgs_ops.object_masks.ball import (
+    CENTRE,
+    HEIGHT,
+    RADIUS,
+    VIEWS,
+    WIDTH,
+    orbit,
+    truth,
+)
 
-WIDTH, HEIGHT, VIEWS = 96, 72, 10
 BALL, SIDE = 4000, 90  # splats of the ball, and along a side of the desk
-RADIUS, CENTRE = 0.6, np.array([0.0, 0.0, 0.6])
-
-
-def orbit() -> list[Camera]:
-    lens = Intrinsics(WIDTH, HEIGHT, 90.0, 90.0, WIDTH / 2, HEIGHT / 2)
-    cameras = []
-    for k in range(VIEWS):
-        angle, rise = 2 * np.pi * k / VIEWS, 0.45 if k % 2 else 0.8
-        away = np.array([np.cos(angle) * np.cos(rise), np.sin(angle) * np.cos(rise), np.sin(rise)])
-        eye = CENTRE + 3.2 * away
-        right = np.cross(-away, [0, 0, 1.0])
-        right /= np.linalg.norm(right)
-        rotation = np.stack([right, np.cross(-away, right), -away])
-        cameras.append(Camera(lens, rotation, -rotation @ eye))
-    return cameras
 
 
 def scene_of_splats(floater: np.ndarray | None = None) -> Splats:
@@ -64,16 +57,6 @@ def scene_of_splats(floater: np.ndarray | None = None) -> Splats:
     )
 
 
-def truth(camera: Camera) -> np.ndarray:
-    """Return the ball's silhouette [H, W] in {0, 1}."""
-    x, y = np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(HEIGHT) + 0.5)
-    k = camera.intrinsics
-    rays = np.stack([(x - k.cx) / k.fx, (y - k.cy) / k.fy, np.ones_like(x)], -1)
-    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
-    middle = camera.rotation @ CENTRE + camera.translation
-    return (np.linalg.norm(np.cross(rays, middle), axis=-1) < RADIUS).astype(np.float32)
-
-
 def said(cameras: list[Camera]) -> list[np.ndarray]:
     """Make up what a network says: view 2 leaks, view 7 misses half, all take the ground along."""
     maps = []
@@ -91,18 +74,26 @@ def said(cameras: list[Camera]) -> list[np.ndarray]:
 
 
 def iou(shown: np.ndarray, expected: np.ndarray) -> float:
-    found, wanted = shown > SHARE, expected > 0.5
+    found, wanted = shown > 0.5, expected > 0.5
     return float((found & wanted).sum() / (found | wanted).sum())
 
 
+def asked(
+    splats: Splats, cameras: list[Camera], maps: list[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return labels and weights of splats by all views."""
+    answers = ask(splats, cameras, maps)
+    return answers.labels(), answers.weight.sum(axis=0)
+
+
 def agreed(splats: Splats, cameras: list[Camera]) -> tuple[list[np.ndarray], Place]:
-    labels, weights = ask(splats, cameras, said(cameras))
+    labels, weights = asked(splats, cameras, said(cameras))
     place = locate(splats, labels, weights, cameras)
     assert place is not None
     assert place.ground is not None
     labels = standing(splats, labels, place)
     first = [surer(show(splats, labels, camera, place)) for camera in cameras]
-    labels = whole(splats, ask(splats, cameras, first)[0], weights, place)
+    labels = whole(splats, asked(splats, cameras, first)[0], weights, place)
     return [show(splats, labels, camera, place) for camera in cameras], place
 
 
@@ -135,7 +126,7 @@ def test_a_spot_that_no_view_finds_is_object_because_it_is_part_of_the_ball() ->
     for camera, soft in zip(cameras, maps, strict=True):
         column, row = camera.project(top[None])[0][0].astype(int)
         cv2.circle(soft, (int(column), int(row)), 5, 0.0, -1)
-    labels, weights = ask(splats, cameras, maps)
+    labels, weights = asked(splats, cameras, maps)
     place = locate(splats, labels, weights, cameras)
     assert place is not None
     spot = np.linalg.norm(splats.means.numpy() - top, axis=1) < 0.1
@@ -149,7 +140,7 @@ def test_a_spot_that_no_view_finds_is_object_because_it_is_part_of_the_ball() ->
 def test_a_splats_label_is_the_mean_of_what_its_pixels_were_given() -> None:
     cameras = orbit()
     maps = [np.full((HEIGHT, WIDTH), value, np.float32) for value in np.linspace(0.2, 0.8, VIEWS)]
-    labels, weights = ask(scene_of_splats(), cameras, maps)
+    labels, weights = asked(scene_of_splats(), cameras, maps)
     assert (weights[:BALL].sum(), (weights > 0).mean()) > (0, 0.9)
     assert labels.min() >= 0
     assert labels[weights > 1].min() >= 0.2 - 1e-5
@@ -160,9 +151,44 @@ def test_maps_that_show_nothing_locate_nothing() -> None:
     cameras = orbit()
     maps = [np.zeros((HEIGHT, WIDTH), np.float32)] * VIEWS
     splats = scene_of_splats()
-    assert locate(splats, *ask(splats, cameras, maps), cameras) is None
+    assert locate(splats, *asked(splats, cameras, maps), cameras) is None
 
 
 def test_doubt_is_taken_out_of_first_answers() -> None:
     first = np.array([0, 0.125, 0.25, 0.375, 1], np.float32)
     np.testing.assert_allclose(surer(first), [0, 0, 0.5, 1, 1], atol=1e-6)
+
+
+def test_views_that_found_nothing_do_not_vote_and_are_shown_the_others_answer() -> None:
+    cameras = orbit()
+    maps = [truth(camera) for camera in cameras]
+    maps[3] = np.zeros_like(maps[3])
+    votes = collect(scene_of_splats(), cameras, cameras, maps)
+    assert votes is not None
+    assert iou(votes.whole[3], truth(cameras[3])) > 0.75
+    assert len(votes.agreement) == VIEWS - 1
+    assert min(votes.agreement) > 0.7
+    nothing = [np.zeros((HEIGHT, WIDTH), np.float32)] * VIEWS
+    assert collect(scene_of_splats(), cameras, cameras, nothing) is None
+
+
+def test_a_view_is_predicted_without_its_own_map() -> None:
+    cameras = orbit()
+    maps = [truth(camera) for camera in cameras]
+    maps[2] = np.ones_like(maps[2])
+    votes = collect(scene_of_splats(), cameras, cameras, maps)
+    assert votes is not None
+    assert iou(votes.predicted[2], truth(cameras[2])) > 0.75
+    assert votes.agreement[2] < 0.3
+
+
+def test_a_plate_that_is_object_is_no_ground() -> None:
+    cameras, splats = orbit(), scene_of_splats()
+    maps = [truth(camera) for camera in cameras]
+    labels, weights = asked(splats, cameras, maps)
+    plate = np.linalg.norm(splats.means.numpy() - [0, 0, 0], axis=1) < 0.75 * RADIUS
+    beyond = np.abs(splats.means.numpy()[:, 2]) < 0.01
+    weights = np.where(beyond & ~plate, 0, weights)  # nothing is seen of the desk but the plate
+    place = locate(splats, np.where(plate, 1, labels).astype(np.float32), weights, cameras)
+    assert place is not None
+    assert place.ground is None

@@ -1,0 +1,223 @@
+"""Whom to believe: the splats' votes, or the photos' own maps and the silhouettes they share.
+
+The truth is unknown, but each view's own map is a witness that both can be held against:
+
+- ``silhouettes`` is how well a view's map is met by what the *other* maps say by outlines alone
+  (``silhouettes``; mean IoU). Right maps meet each other, on black cloth as on a desk.
+- ``votes`` is how well it is met by splats that asked the *other* maps, each splat wholly object or
+  not at all. Splats that know where surfaces are meet maps better than outlines do, because they
+  know what is in front of what. Haze in textureless space meets them worse.
+
+The photos are the other witness: an outline that runs through even black cloth is nobody's. So each
+agreement counts times the share of the outlines, of votes and of maps, that lies on photos' edges.
+Where votes come out at least as well, they are the masks, each view's own map notwithstanding.
+Elsewhere a view's own map is corrected, not replaced: own map, silhouettes and votes are averaged
+with weights by how well each was met.
+
+Parts that are attached to the object (``attached_parts``) join where they are few and where the
+photos confirm the outlines that they make. Both are asked of the capture; one view whose voted
+outline its photo does not confirm, while it confirms the map's own, keeps the averaged one.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mattgs_ops.capture.masks import SoftMap
+from mattgs_ops.object_masks.silhouettes import Silhouettes, iou
+from mattgs_ops.object_masks.splat_votes import Votes
+
+HALF = 0.5  # from here on a map says object
+EDGE = 0.02  # of the range, per pixel: five grey levels; sensors and JPEG stay below
+EDGE_REACH = 2  # pixels, at the size of the answers, between an outline and the photo's edge
+# Outlines are coarse: some of each runs beside the photo's edges. More than a tenth fewer on an
+# edge than of the outline that it would replace is not that.
+UNCONFIRMED = 0.1
+MOST_ATTACHED = 0.5  # of the area that the votes are sure of: what adds more is no correction
+NO_COUNTS = 2.0  # times a yes, of silhouettes
+COARSE = 2 / 128  # of the longest side: two pixels of those that silhouettes are compared at
+BEST = 0.99  # agreement above it counts as this much: weights stay finite
+
+Believed = Literal["votes", "maps"]
+Bits = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class ViewEvidence:
+    """One view: IoU of its own map with silhouettes and votes, and whom its mask follows."""
+
+    name: str
+    silhouettes: float
+    votes: float | None
+    masks: Believed
+
+
+@dataclass(frozen=True)
+class Decision:
+    """Whose masks a capture gets, and the numbers that say why; all shares are 0 to 1.
+
+    ``confirmed`` is the share of outlines that lies on an edge of the photo, by whose outline it
+    is; ``attached`` the area that attached parts add to that of the votes.
+    """
+
+    masks: Believed
+    reason: str
+    silhouettes: float
+    votes: float | None
+    confirmed: dict[str, float]
+    attached: float
+    attached_kept: bool
+    views: tuple[ViewEvidence, ...]
+
+
+def decide(
+    names: Sequence[str],
+    photos: Sequence[NDArray[np.uint8]],
+    own: Sequence[SoftMap],
+    silhouettes: Silhouettes,
+    votes: Votes | None,
+) -> tuple[Decision, list[SoftMap]]:
+    """Return the decision, and each view's map [H, W] in [0, 1]: 0.5 is the outline.
+
+    ``photos`` [H, W, 3] and ``own`` [H, W] have the size of the votes.
+    """
+    edges = [_edges(photo) for photo in photos]
+    others = [
+        _resized(soft, mine.shape) for soft, mine in zip(silhouettes.predicted, own, strict=True)
+    ]
+    by_outline = _overlaps(own, others)
+    met = silhouettes.mean
+    confirmed = {"maps": _confirmed(own, edges)}
+    if votes is None:
+        reason = "no splat is salient to the views"
+        views = tuple(
+            ViewEvidence(name, one, None, "maps")
+            for name, one in zip(names, by_outline, strict=True)
+        )
+        maps = _fused(own, others, own, met, 0.0)
+        return Decision("maps", reason, met, None, confirmed, 0.0, False, views), maps
+    by_votes = _overlaps(own, votes.sure)
+    met_by_votes = float(np.mean(votes.agreement))
+    confirmed["votes"] = _confirmed(votes.sure, edges)
+    confirmed["attached"] = _confirmed(votes.whole, edges)
+    attached = max(0.0, _area(votes.whole) / max(_area(votes.sure), 1e-9) - 1)
+    joins = attached <= MOST_ATTACHED and confirmed["attached"] >= confirmed["votes"] - UNCONFIRMED
+    voted = votes.whole if joins else votes.sure
+    doubt = _doubt(met, met_by_votes, confirmed)
+    believed = [_believed(doubt, *view) for view in zip(own, voted, edges, strict=True)]
+    predicted = [
+        _resized(soft, mine.shape) for soft, mine in zip(votes.predicted, own, strict=True)
+    ]
+    fused = _fused(own, others, predicted, met, float(np.mean(votes.soft_agreement)))
+    maps = [v if who == "votes" else f for who, v, f in zip(believed, voted, fused, strict=True)]
+    found = Decision(
+        masks="maps" if doubt else "votes",
+        reason=doubt or "votes meet maps and edges at least as well as silhouettes and maps do",
+        silhouettes=met,
+        votes=met_by_votes,
+        confirmed=confirmed,
+        attached=attached,
+        attached_kept=joins,
+        views=tuple(
+            ViewEvidence(*one) for one in zip(names, by_outline, by_votes, believed, strict=True)
+        ),
+    )
+    return found, maps
+
+
+def _believed(doubt: str, own: SoftMap, voted: SoftMap, edges: Bits) -> Believed:
+    """Say whom one view follows: votes, unless the capture's or this photo's edges deny them."""
+    denied = _on_edge(voted >= HALF, edges) < _on_edge(own >= HALF, edges) - UNCONFIRMED
+    return "maps" if doubt or denied else "votes"
+
+
+def _overlaps(first: Sequence[SoftMap], second: Sequence[SoftMap]) -> list[float]:
+    return [iou(a >= HALF, b >= HALF) for a, b in zip(first, second, strict=True)]
+
+
+def _area(maps: Sequence[SoftMap]) -> float:
+    return sum(float((soft >= HALF).mean()) for soft in maps)
+
+
+def _doubt(silhouettes: float, votes: float, confirmed: dict[str, float]) -> str:
+    """Say why votes are not believed; empty where they are."""
+    if votes * confirmed["votes"] >= silhouettes * confirmed["maps"]:
+        return ""
+    return (
+        f"votes meet the photos' maps to {votes:.2f} and the photos' edges to "
+        f"{confirmed['votes']:.2f}, less than silhouettes, {silhouettes:.2f}, and maps, "
+        f"{confirmed['maps']:.2f}, do"
+    )
+
+
+def _fused(
+    own: Sequence[SoftMap],
+    others: Sequence[SoftMap],
+    voted: Sequence[SoftMap],
+    silhouettes: float,
+    votes: float,
+) -> list[SoftMap]:
+    """Average what three witnesses say, weighted by the odds that they were right.
+
+    What lies outside the other views' silhouettes cannot be object if they are right; what lies
+    inside may be free space between them. So their no counts twice. Along the map's own outline
+    silhouettes, and votes that are believed less, know no better than it.
+    """
+    outlines, splats = _odds(silhouettes), _odds(votes)
+    itself = max(outlines, splats)  # a map is met by the better of the two
+    fused = []
+    for mine, other, answer in zip(own, others, voted, strict=True):
+        heard = outlines * np.where(other < HALF, NO_COUNTS, 1.0)
+        mean = (itself * mine + heard * other + splats * answer) / (itself + heard + splats)
+        fused.append(np.where(_near_outline(mine >= HALF), mine, mean).astype(np.float32))
+    return fused
+
+
+def _near_outline(mask: Bits) -> Bits:
+    """Return the pixels [H, W] closer to a mask's outline than silhouettes can tell."""
+    reach = max(1, round(COARSE * max(mask.shape)))
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+    binary = mask.astype(np.uint8)
+    grown, shrunk = cv2.dilate(binary, disc), cv2.erode(binary, disc, borderValue=1)
+    near: Bits = (grown > 0) & (shrunk == 0)
+    return near
+
+
+def _odds(agreement: float) -> float:
+    share = min(agreement, BEST)
+    return share / (1 - share)
+
+
+def _edges(photo: NDArray[np.uint8]) -> Bits:
+    """Return where a photo [H, W, 3] has an edge within reach [H, W]."""
+    unit = photo.astype(np.float32) / 255
+    # Sobel's kernel sums to 8 for a slope of 1 a pixel
+    slopes = np.hypot(cv2.Sobel(unit, cv2.CV_32F, 1, 0), cv2.Sobel(unit, cv2.CV_32F, 0, 1)) / 8
+    side = 2 * EDGE_REACH + 1
+    strong = (slopes.max(axis=2) > EDGE).astype(np.uint8)
+    near: Bits = cv2.dilate(strong, np.ones((side, side), np.uint8)) > 0
+    return near
+
+
+def _confirmed(maps: Sequence[SoftMap], edges: Sequence[Bits]) -> float:
+    return float(np.mean([_on_edge(m >= HALF, e) for m, e in zip(maps, edges, strict=True)]))
+
+
+def _on_edge(mask: Bits, edges: Bits) -> float:
+    """Return the share of a mask's outline that lies on edges; 0 where there is no outline.
+
+    Where the mask leaves the photo there is no outline.
+    """
+    binary = mask.astype(np.uint8)
+    inside = cv2.erode(binary, np.ones((3, 3), np.uint8), borderType=cv2.BORDER_REPLICATE)
+    outline = mask & (inside == 0)
+    return float(edges[outline].mean()) if outline.any() else 0.0
+
+
+def _resized(soft: SoftMap, shape: tuple[int, ...]) -> SoftMap:
+    resized: SoftMap = cv2.resize(soft, (shape[1], shape[0]), interpolation=cv2.INTER_LINEAR)
+    return resized

@@ -1,0 +1,114 @@
+"""Every way in which votes and maps can be weighed against each other."""
+
+import cv2
+import numpy as np
+import pytest
+
+from mattgs_ops.capture.masks import SoftMap
+from mattgs_ops.object_masks.decision import Decision, decide
+from mattgs_ops.object_masks.silhouettes import Silhouettes, iou, predict
+from mattgs_ops.object_masks.splat_votes import Place, Votes
+from tests.mattgs_ops.object_masks.ball import CENTRE, HEIGHT, RADIUS, VIEWS, WIDTH, orbit, truth
+
+CAMERAS = orbit()
+TRUTHS = [truth(camera) for camera in CAMERAS]
+NAMES = [str(index) for index in range(VIEWS)]
+PLACE = Place(CENTRE, RADIUS, None)
+
+
+def photos() -> list[np.ndarray]:
+    """Make white balls before black cloth."""
+    return [np.repeat((t * 220).astype(np.uint8)[..., None], 3, axis=2) for t in TRUTHS]
+
+
+def grown(soft: SoftMap, pixels: int) -> SoftMap:
+    side = 2 * pixels + 1
+    return np.asarray(cv2.dilate(soft, np.ones((side, side), np.uint8)), dtype=np.float32)
+
+
+def votes(own: list[SoftMap], sure: list[SoftMap], whole: list[SoftMap] | None = None) -> Votes:
+    """Make votes whose prediction of each view is what they all say."""
+    met = [iou(a >= 0.5, b >= 0.5) for a, b in zip(own, sure, strict=True)]
+    return Votes(sure, met, met, sure, whole or sure, PLACE)
+
+
+def judged(own: list[SoftMap], sure: list[SoftMap]) -> tuple[Decision, list[SoftMap]]:
+    outlines = predict(CAMERAS, own)
+    assert outlines is not None
+    return decide(NAMES, photos(), own, outlines, votes(own, sure))
+
+
+def test_votes_make_the_masks_where_maps_leak_each_elsewhere() -> None:
+    own = [t.copy() for t in TRUTHS]
+    for index, soft in enumerate(own):  # another leak in each
+        soft[40:, 10 * index % 80 : 10 * index % 80 + 16] = 1
+    found, maps = judged(own, TRUTHS)
+    assert found.masks == "votes"
+    assert found.confirmed["votes"] > found.confirmed["maps"]
+    assert all(np.array_equal(a, b) for a, b in zip(maps, TRUTHS, strict=True))
+    assert {view.masks for view in found.views} == {"votes"}
+
+
+def test_right_maps_survive_votes_that_fill_the_frame() -> None:
+    full = [np.ones_like(t) for t in TRUTHS]
+    found, maps = judged(TRUTHS, full)
+    assert found.masks == "maps"
+    assert "less than silhouettes" in found.reason
+    scores = [iou(a >= 0.5, b > 0) for a, b in zip(maps, TRUTHS, strict=True)]
+    assert min(scores) > 0.97
+
+
+def test_outlines_through_even_ground_are_not_believed() -> None:
+    # they meet the maps as well as silhouettes do, but lie on black cloth
+    away = [grown(t, 4) for t in TRUTHS]
+    met = Silhouettes(away, [iou(a > 0, b > 0) for a, b in zip(away, TRUTHS, strict=True)], 1.0)
+    found, _ = decide(NAMES, photos(), TRUTHS, met, votes(TRUTHS, away))
+    assert found.masks == "maps"
+    assert found.votes == found.silhouettes
+    assert found.confirmed["votes"] < found.confirmed["maps"]
+
+
+@pytest.mark.parametrize(("pixels", "kept"), [(0, True), (12, False)])
+def test_attached_parts_join_where_they_are_few(pixels: int, kept: bool) -> None:
+    mast = [t.copy() for t in TRUTHS]
+    for soft, camera in zip(mast, CAMERAS, strict=True):
+        top = CENTRE + np.array([0, 0, RADIUS])
+        column, row = camera.project(top[None])[0][0].astype(int)
+        soft[max(0, row - 6) : row, column - 2 : column + 2] = 1
+    whole = [grown(soft, pixels) if pixels else soft for soft in mast]
+    low = Silhouettes([soft * 0 for soft in TRUTHS], [0.0] * VIEWS, 1.0)
+    shown = [np.repeat((m * 220).astype(np.uint8)[..., None], 3, axis=2) for m in mast]
+    found, maps = decide(NAMES, shown, TRUTHS, low, votes(TRUTHS, TRUTHS, whole))
+    assert found.masks == "votes"
+    assert found.attached_kept is kept
+    assert np.array_equal(maps[0], whole[0] if kept else TRUTHS[0])
+
+
+def test_one_view_whose_voted_outline_its_photo_denies_keeps_its_map() -> None:
+    sure = [t.copy() for t in TRUTHS]
+    sure[5] = grown(TRUTHS[5], 8)
+    low = Silhouettes([soft * 0 for soft in TRUTHS], [0.0] * VIEWS, 1.0)
+    found, maps = decide(NAMES, photos(), TRUTHS, low, votes(TRUTHS, sure))
+    assert found.masks == "votes"
+    assert [view.name for view in found.views if view.masks == "maps"] == ["5"]
+    assert not np.array_equal(maps[5], sure[5])
+
+
+def test_leaks_are_taken_out_where_the_other_silhouettes_deny_them() -> None:
+    own = [t.copy() for t in TRUTHS]
+    own[2][4:24, 4:24] = 1
+    full = [np.ones_like(t) for t in TRUTHS]
+    found, maps = judged(own, full)
+    assert found.masks == "maps"
+    assert (maps[2][8:20, 8:20] < 0.5).all()
+
+
+def test_without_votes_maps_are_corrected_by_silhouettes() -> None:
+    own = [t.copy() for t in TRUTHS]
+    own[2][4:24, 4:24] = 1
+    outlines = predict(CAMERAS, own)
+    assert outlines is not None
+    found, maps = decide(NAMES, photos(), own, outlines, None)
+    assert (found.masks, found.votes) == ("maps", None)
+    assert (maps[2][8:20, 8:20] < 0.5).all()
+    assert maps[0].shape == (HEIGHT, WIDTH)

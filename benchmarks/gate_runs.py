@@ -12,7 +12,8 @@ from typing import Any
 from mattgs_ops.capture.prepare import prepare
 from mattgs_ops.capture.scene import Scene
 from mattgs_ops.config import BenchmarkConfig, CaptureConfig, Condition
-from mattgs_ops.score.evaluate import measure_speed, render_views, score
+from mattgs_ops.score.evaluate import render_views, score
+from mattgs_ops.score.speed import measure_speed
 from mattgs_ops.segment.infer import segment
 from mattgs_ops.segment.mask_report import MaskReport
 from mattgs_ops.sfm import reconstruct

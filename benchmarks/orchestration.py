@@ -23,7 +23,7 @@ from benchmarks import tiny
 from flows.grid import cells
 from flows.services import embedded
 from mattgs_ops.config import BenchmarkConfig, load_toml
-from mattgs_ops.store.store import stage_key
+from mattgs_ops.store.keys import stage_key
 from tasks import evaluate, measure, prepare, segment, sfm, train
 from tasks.row import Outcome
 from tasks.stages.stage import Artifact, Place, Stage, code_versions

@@ -51,7 +51,7 @@ def measure(
 def operate(arguments: dict[str, Any], out: Path, threads: int, progress: Progress) -> None:
     """Run in the stage's process."""
     from mattgs_ops.capture.scene import Scene
-    from mattgs_ops.score.evaluate import measure_speed
+    from mattgs_ops.score.speed import measure_speed
     from mattgs_ops.splat.training.report import TrainingReport
 
     speeds = {}

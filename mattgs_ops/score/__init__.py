@@ -1,5 +1,5 @@
 """Renders → metrics.
 
 ``metrics`` is the table of metrics and the image metrics themselves; ``evaluate`` renders the views
-of trained splats, scores them and measures rendering speed.
+of trained splats and scores them, ``speed`` measures how fast they render.
 """

@@ -7,8 +7,7 @@
 
 :func:`score` reads those files and nothing else, and writes ``evaluation.json``: so what was
 scored can be looked at, and scored again. Test views that structure-from-motion could not place
-are listed as missing, never left out in silence. Speed is measured apart, by
-:func:`measure_speed`, when nothing else runs.
+are listed as missing, never left out in silence. :mod:`speed` measures speed apart.
 """
 
 import json
@@ -29,20 +28,15 @@ from mattgs_ops.progress import Progress, no_progress
 from mattgs_ops.score.metrics import IMAGE_METRICS, METRICS, SSIM_REACH, score_view
 from mattgs_ops.splat.attention import paper_attention
 from mattgs_ops.splat.files.ply import read_ply
-from mattgs_ops.splat.photos import WHITE, Colour, load_view, size_at
-from mattgs_ops.splat.render import render_view, time_views
+from mattgs_ops.splat.photos import WHITE, Colour, load_view
+from mattgs_ops.splat.render import render_view
 from mattgs_ops.store.digests import file_digest, folder_digest, pixels_digest
-from mattgs_ops.timing import calibration
 
 SCHEMA = 1
 BYTES_PER_MB = 1e6  # size_mb is in megabytes, not mebibytes
 VIEWS_FILE = "views.json"
 EVALUATION_FILE = "evaluation.json"
 PNG_EFFORT = 1
-FEWEST_ROUNDS = 9  # over the views, rendering and workload in turns
-FEWEST_SECONDS = 1.0  # of rendering
-# Standard error of a normal sample's median, times root n, over the median absolute deviation
-MEDIAN_ERROR = 1.4826 * 1.2533
 MASK_THRESHOLD = 128  # of 255: a pixel is object when at least half of it is
 # of a pixel: a wire rarely fills half of one, see docs/captures.md on id maps
 DETAIL_SHARE = 0.25
@@ -205,51 +199,6 @@ def score(
     }
     _write_json(folder / EVALUATION_FILE, evaluation)
     return evaluation
-
-
-def measure_speed(
-    scene: Scene,
-    splats_ply: Path,
-    condition: Condition,
-    resolution: int,
-    *,
-    background: Colour = WHITE,
-    threads: int = 1,
-) -> dict[str, float]:
-    """Return metrics of rendering speed over the registered test views, by id.
-
-    Rendering a view and the fixed workload take turns, in rounds over the views. ``fps``: views
-    divided by the seconds of rendering them into memory, after a warm-up; ``calibration``: seconds
-    of the fastest workload; ``fps_calibrated``: frames rendered in the time of one workload, each
-    view at its median over the rounds; ``fps_noise``: the relative standard error of that, from the
-    median absolute deviation of the rounds. Meant to run alone on its machine; time lost to others
-    is not counted (:mod:`mattgs_ops.timing.stopwatch`).
-    """
-    shown: Colour = WHITE if condition.background == "nobg" else background
-    cameras = [
-        view.camera.scaled(*size_at(view.width, view.height, resolution))
-        for view in scene.registered("test")
-        if view.camera is not None
-    ]
-    if not cameras:
-        raise StageError(f"scene {scene.name}: expected test views with a camera, found none")
-    splats = read_ply(splats_ply)
-    pairs, seconds = calibration.Pairs(sweeping=False), 0.0
-    for index, took in time_views(splats, cameras, shown, threads=threads):
-        pairs.add(took)
-        seconds += took
-        whole = index == len(cameras) - 1
-        if whole and len(pairs) >= FEWEST_ROUNDS * len(cameras) and seconds >= FEWEST_SECONDS:
-            break
-    ratios = pairs.ratios().reshape(-1, len(cameras))
-    by_view = np.median(ratios, axis=0)
-    deviation = float(np.median(np.abs(np.log(ratios / by_view))))
-    return {
-        "fps": len(pairs) / seconds,
-        "calibration": pairs.fastest(),
-        "fps_calibrated": float(1 / by_view.mean()),
-        "fps_noise": MEDIAN_ERROR * deviation / float(np.sqrt(len(pairs))),
-    }
 
 
 def _what_decides(folder: Path, rendered: RenderedViews) -> dict[str, str]:

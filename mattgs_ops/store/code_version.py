@@ -41,7 +41,7 @@ STAGES: dict[str, tuple[str, ...]] = {
     "agree": ("mattgs_ops.object_masks.cross_view",),
     "train": ("mattgs_ops.splat.training.train",),
     "evaluate": ("mattgs_ops.score.evaluate",),
-    "measure": ("mattgs_ops.score.evaluate", "mattgs_ops.timing.calibration"),
+    "measure": ("mattgs_ops.score.speed", "mattgs_ops.timing.calibration"),
 }
 
 

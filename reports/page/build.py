@@ -14,11 +14,11 @@ from reports.figures.pictures import Gallery
 from reports.figures.plots import Saved
 from reports.page import page
 from reports.rows.schema import Row, captures, cells, problems, refused
-from reports.tables import formats, origins, paper, promoted, verdict
+from reports.tables import formats, latex, origins, paper, promoted, verdict
 from reports.tables.formats import Table
 from reports.tables.side_tables import all_tables
 
-FORMATS = {"md": formats.markdown, "tex": formats.latex, "csv": formats.csv}
+FORMATS = {"md": formats.markdown, "tex": latex.latex, "csv": formats.csv}
 
 
 def build(

@@ -20,7 +20,8 @@ from mattgs_ops.config import RunConfig
 from mattgs_ops.naming import slug
 from mattgs_ops.store import provenance
 from mattgs_ops.store.code_version import STAGES, code_version
-from mattgs_ops.store.store import Finished, Slot, Store, stage_key
+from mattgs_ops.store.keys import stage_key
+from mattgs_ops.store.store import Finished, Slot, Store
 from tasks.stages import process, quiet, travelling
 from tasks.stages.status import StatusFile, read
 

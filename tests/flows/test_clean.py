@@ -10,7 +10,8 @@ import pytest
 
 from flows.clean import clean_up, size
 from mattgs_ops.errors import InputError
-from mattgs_ops.store.store import Store, stage_key
+from mattgs_ops.store.keys import stage_key
+from mattgs_ops.store.store import Store
 from tasks.registry import runs
 
 

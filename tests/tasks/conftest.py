@@ -14,7 +14,8 @@ from mattgs_ops.capture.scene import Scene, SparsePoints, View
 from mattgs_ops.config import BenchmarkConfig, RunConfig
 from mattgs_ops.splat.gaussians import Splats
 from mattgs_ops.splat.rasterize import render
-from mattgs_ops.store.store import Store, stage_key
+from mattgs_ops.store.keys import stage_key
+from mattgs_ops.store.store import Store
 from tasks.stages.stage import Artifact, Place
 
 SIZE, VIEWS, POINTS = 40, 9, 200

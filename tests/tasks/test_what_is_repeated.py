@@ -13,7 +13,7 @@ import pytest
 
 from flows.grid import cells
 from mattgs_ops.config import BenchmarkConfig
-from mattgs_ops.store.store import stage_key
+from mattgs_ops.store.keys import stage_key
 from tasks import agree, evaluate, measure, prepare, segment, sfm, train
 from tasks.row import Outcome
 from tasks.stages.stage import Artifact, Place, Stage, code_versions

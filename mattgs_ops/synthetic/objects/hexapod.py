@@ -5,6 +5,7 @@ from numpy.random import Generator
 
 from mattgs_ops.synthetic.cameras import Orbit
 from mattgs_ops.synthetic.objects import parts
+from mattgs_ops.synthetic.surfaces.drilled_plate import drilled_plate
 from mattgs_ops.synthetic.surfaces.materials import (
     ALUMINIUM,
     BLACK,
@@ -22,7 +23,6 @@ from mattgs_ops.synthetic.surfaces.mesh import (
     ball,
     box,
     cylinder,
-    drilled_plate,
     lathe,
     prism,
     rotation,

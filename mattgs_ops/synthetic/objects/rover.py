@@ -7,6 +7,7 @@ from mattgs_ops.synthetic.cameras import Orbit
 from mattgs_ops.synthetic.objects import parts
 from mattgs_ops.synthetic.surfaces import print as sheets
 from mattgs_ops.synthetic.surfaces import textures
+from mattgs_ops.synthetic.surfaces.drilled_plate import drilled_plate
 from mattgs_ops.synthetic.surfaces.materials import (
     ALUMINIUM,
     BLACK,
@@ -21,15 +22,7 @@ from mattgs_ops.synthetic.surfaces.materials import (
     pose,
     printed,
 )
-from mattgs_ops.synthetic.surfaces.mesh import (
-    Array,
-    box,
-    cylinder,
-    drilled_plate,
-    lathe,
-    quad,
-    rotation,
-)
+from mattgs_ops.synthetic.surfaces.mesh import Array, box, cylinder, lathe, quad, rotation
 from mattgs_ops.synthetic.surroundings import clutter
 from mattgs_ops.synthetic.surroundings.desk import Layout
 

@@ -1,4 +1,4 @@
-"""Triangle meshes from a few parameters: bevelled boxes, turned parts, tubes, drilled plates.
+"""Triangle meshes from a few parameters: bevelled boxes, turned parts, tubes, prisms.
 
 A :class:`Mesh` holds vertices, unit normals and texture coordinates per vertex, faces wound so that
 their front is where the normals point. Lengths are centimetres; every solid is centred in x and y
@@ -101,12 +101,12 @@ def box(width: float, depth: float, height: float, bevel: float = 0.05) -> Mesh:
         b, c = (axis + 1) % 3, (axis + 2) % 3
         for side in (-1, 1):
             loop = [_sign(axis, side, b, p, c, q) for p, q in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
-            faces += _fan([index[sign, axis] for sign in loop])
+            faces += fan([index[sign, axis] for sign in loop])
         for p, q in ((-1, -1), (1, -1), (1, 1), (-1, 1)):
             low, high = _sign(axis, -1, b, p, c, q), _sign(axis, 1, b, p, c, q)
-            faces += _fan([index[low, b], index[high, b], index[high, c], index[low, c]])
+            faces += fan([index[low, b], index[high, b], index[high, c], index[low, c]])
     points, directions = np.array(vertices), np.array(normals)
-    ordered = _wind(points, directions, np.array(faces))
+    ordered = wind(points, directions, np.array(faces))
     uvs = (points[:, :2] / half[:2] + 1) / 2 * [1, -1] + [0, 1]
     return Mesh(points, directions, uvs, ordered).at(0, 0, height / 2)
 
@@ -175,7 +175,7 @@ def tube(path: Array, radius: float, segments: int = 8) -> Mesh:
     count = len(path)
     v, u = np.meshgrid(np.linspace(0, 1, count), angles / (2 * np.pi), indexing="ij")
     points, directions = np.concatenate(vertices), np.concatenate(normals)
-    faces = _wind(points, directions, _grid_faces(count, segments + 1))
+    faces = wind(points, directions, _grid_faces(count, segments + 1))
     return Mesh(points, directions, np.column_stack([u.ravel(), v.ravel()]), faces)
 
 
@@ -194,7 +194,7 @@ def prism(outline: Sequence[tuple[float, float]], height: float, bevel: float = 
         cap = np.column_stack([np.concatenate([[centre], inner]), np.full(len(ring) + 1, z)])
         up = np.tile([0.0, 0, side], (len(cap), 1))
         fan = [[0, 1 + i, 1 + (i + 1) % len(ring)] for i in range(len(ring))]
-        parts.append(Mesh(cap, up, _planar_uv(cap, ring), _wind(cap, up, np.array(fan))))
+        parts.append(Mesh(cap, up, _planar_uv(cap, ring), wind(cap, up, np.array(fan))))
     levels = [
         (inner, 0.0, -1.0),
         (ring, bevel, 0.0),
@@ -206,38 +206,9 @@ def prism(outline: Sequence[tuple[float, float]], height: float, bevel: float = 
             j = (i + 1) % len(ring)
             corners = np.array([[*low[i], z0], [*low[j], z0], [*high[j], z1], [*high[i], z1]])
             tilt = np.array([[*normals[i] * (1 - abs(n)), n] for n in (n0, n0, n1, n1)])
-            faces = _wind(corners, tilt, np.array([[0, 1, 2], [0, 2, 3]]))
+            faces = wind(corners, tilt, np.array([[0, 1, 2], [0, 2, 3]]))
             parts.append(Mesh(corners, tilt, _planar_uv(corners, ring), faces))
     return join(parts)
-
-
-def drilled_plate(columns: int, rows: int, pitch: float, hole: float, thickness: float) -> Mesh:
-    """Return a flat plate with ``columns`` × ``rows`` round holes of radius ``hole`` right through.
-
-    It is ``columns * pitch`` wide and stands on z = 0.
-    """
-    angles = np.arange(16) / 16 * 2 * np.pi
-    circle = np.column_stack([np.cos(angles), np.sin(angles)])
-    rim = circle / np.abs(circle).max(axis=1, keepdims=True) * pitch / 2
-    parts = []
-    for z, side in ((0.0, -1.0), (thickness, 1.0)):
-        points = np.column_stack([np.concatenate([rim, circle * hole]), np.full(32, z)])
-        up = np.tile([0.0, 0, side], (32, 1))
-        faces = np.array(
-            [t for i in range(16) for t in _fan([i, (i + 1) % 16, 16 + (i + 1) % 16, 16 + i])]
-        )
-        parts.append(Mesh(points, up, np.zeros((32, 2)), _wind(points, up, faces)))
-    ends = [np.column_stack([circle * hole, np.full(16, z)]) for z in (0.0, thickness)]
-    inward = np.tile(np.column_stack([-circle, np.zeros(16)]), (2, 1))
-    wall = np.array(
-        [t for i in range(16) for t in _fan([i, (i + 1) % 16, 16 + (i + 1) % 16, 16 + i])]
-    )
-    points = np.concatenate(ends)
-    parts.append(Mesh(points, inward, np.zeros((32, 2)), _wind(points, inward, wall)))
-    cell = join(parts)
-    xs, ys = (np.arange(n) - (n - 1) / 2 for n in (columns, rows))
-    cells = [cell.at(x * pitch, y * pitch) for x in xs for y in ys]
-    return join([*cells, *_skirt(columns * pitch, rows * pitch, thickness)])
 
 
 def write_ply(mesh: Mesh, path: Path) -> None:
@@ -252,23 +223,19 @@ def write_ply(mesh: Mesh, path: Path) -> None:
     path.write_bytes(text.encode("ascii") + rows.tobytes() + faces.tobytes())
 
 
-def _skirt(width: float, depth: float, thickness: float) -> list[Mesh]:
-    across = quad(width, thickness).turned(x=90).at(0, -depth / 2, thickness / 2)
-    along = quad(depth, thickness).turned(x=90).at(0, -width / 2, thickness / 2)
-    return [across, across.turned(z=180), along.turned(z=90), along.turned(z=-90)]
-
-
 def _sign(a: int, p: int, b: int, q: int, c: int, r: int) -> tuple[int, int, int]:
     out = [0, 0, 0]
     out[a], out[b], out[c] = p, q, r
     return out[0], out[1], out[2]
 
 
-def _fan(loop: Sequence[int]) -> list[list[int]]:
+def fan(loop: Sequence[int]) -> list[list[int]]:
+    """Return the triangles of a convex polygon's vertex numbers, all from the first."""
     return [[loop[0], loop[i], loop[i + 1]] for i in range(1, len(loop) - 1)]
 
 
-def _wind(points: Array, normals: Array, faces: NDArray[np.int64]) -> NDArray[np.int64]:
+def wind(points: Array, normals: Array, faces: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return faces [F, 3] turned so that their front is where the normals [N, 3] point."""
     a, b, c = (points[faces[:, i]] for i in range(3))
     away = (np.cross(b - a, c - a) * normals[faces].sum(axis=1)).sum(axis=1) < 0
     wound: NDArray[np.int64] = np.where(away[:, None], faces[:, ::-1], faces)
@@ -312,5 +279,5 @@ def _band(lower: Ring, upper: Ring, around: Array, angles: Array) -> Mesh:
         normals.append(np.column_stack([around * out, np.full(len(around), up)]))
         uvs.append(np.column_stack([angles / (2 * np.pi), np.full(len(around), 1 - v)]))
     points, directions = np.concatenate(vertices), np.concatenate(normals)
-    faces = _wind(points, directions, _grid_faces(2, len(around)))
+    faces = wind(points, directions, _grid_faces(2, len(around)))
     return Mesh(points, directions, np.concatenate(uvs), faces)

@@ -2,7 +2,6 @@
 
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,52 +11,22 @@ from mattgs_ops.capture.prepare import prepare
 from mattgs_ops.capture.scene import PreparedCapture
 from mattgs_ops.config import CaptureConfig
 from mattgs_ops.errors import InputError
+from tests.mattgs_ops.capture.conftest import (
+    HEIGHT,
+    NAMES,
+    WIDTH,
+    disc,
+    picture,
+    pixels,
+    refusal,
+    run,
+    write_colmap,
+    write_cutouts,
+    write_masks,
+    write_photos,
+    write_transforms,
+)
 from tests.reference.opengl import to_opengl
-
-WIDTH, HEIGHT = 48, 36
-NAMES = [f"IMG_{i:02}.png" for i in range(10)]
-
-
-def picture(seed: int, height: int = HEIGHT, width: int = WIDTH) -> np.ndarray:
-    rgb = np.random.default_rng(seed).integers(0, 256, (height, width, 3))
-    return np.asarray(rgb, dtype=np.uint8)
-
-
-def disc() -> np.ndarray:
-    y, x = np.mgrid[:HEIGHT, :WIDTH]
-    return np.where((x - 24) ** 2 + (y - 18) ** 2 < 100, 255, 0).astype(np.uint8)
-
-
-def write_photos(folder: Path, names: list[str] = NAMES) -> Path:
-    folder.mkdir(parents=True, exist_ok=True)
-    for seed, name in enumerate(names):
-        Image.fromarray(picture(seed)).save(folder / name)
-    return folder
-
-
-def write_masks(folder: Path, mask: np.ndarray, form: str = "{name}.png") -> None:
-    folder.mkdir(parents=True)
-    for name in NAMES:
-        Image.fromarray(mask).save(folder / form.format(name=name, stem=Path(name).stem))
-
-
-def run(path: Path, out: Path, **options: Any) -> PreparedCapture:
-    keys = {key: options.pop(key) for key in ("kind", "masks") if key in options}
-    options = {"test_every": 4} | options
-    return prepare(CaptureConfig(name="thing", path=path, **keys), out, **options)
-
-
-def refusal(path: Path, out: Path, **options: Any) -> str:
-    with pytest.raises(InputError) as error:
-        run(path, out, **options)
-    assert not out.exists(), "nothing may be written when the input is refused"
-    return str(error.value)
-
-
-def pixels(path: Path | None) -> np.ndarray:
-    assert path is not None
-    with Image.open(path) as image:
-        return np.asarray(image)
 
 
 def test_a_plain_folder(tmp_path: Path) -> None:
@@ -119,12 +88,6 @@ def test_masks_are_found(tmp_path: Path, place: str, form: str) -> None:
         np.testing.assert_array_equal(pixels(view.mask), disc())
 
 
-def write_cutouts(folder: Path) -> None:
-    folder.mkdir(parents=True)
-    for seed, name in enumerate(NAMES):
-        Image.fromarray(np.dstack([picture(seed), disc()])).save(folder / name)
-
-
 def test_alpha_is_the_mask_and_the_photo_stands_on_white(tmp_path: Path) -> None:
     write_cutouts(tmp_path / "in")
     capture = run(tmp_path / "in", tmp_path / "out")
@@ -143,16 +106,6 @@ def test_the_users_own_masks_go_before_alpha(tmp_path: Path) -> None:
     capture = run(tmp_path / "in", tmp_path / "out", masks=tmp_path / "own")
     assert capture.masks_are == "given"
     np.testing.assert_array_equal(pixels(capture.views[0].mask), other)
-
-
-def write_transforms(folder: Path, names: list[str] = NAMES, **changes: Any) -> Path:
-    frames = [
-        {"file_path": f"images/{name}", "transform_matrix": np.eye(4).tolist()} for name in names
-    ]
-    data = {"w": WIDTH, "h": HEIGHT, "fl_x": 50.0, "fl_y": 50.0, "cx": 24.0, "cy": 18.0}
-    write_photos(folder / "images")
-    (folder / "transforms.json").write_text(json.dumps(data | {"frames": frames} | changes))
-    return folder
 
 
 def test_nerfstudio_cameras_are_kept_and_scaled_with_the_photos(tmp_path: Path) -> None:
@@ -242,16 +195,6 @@ def test_a_split_in_lists_beside_the_photos_is_kept(tmp_path: Path) -> None:
     assert PreparedCapture.load(tmp_path / "out") == capture
 
 
-def write_colmap(folder: Path, names: list[str]) -> Path:
-    write_photos(folder / "images")
-    model = folder / "sparse" / "0"
-    model.mkdir(parents=True)
-    (model / "cameras.txt").write_text(f"1 SIMPLE_PINHOLE {WIDTH} {HEIGHT} 50 24 18\n")
-    rows = [f"{i + 1} 1 0 0 0 0 0 {i} 1 {name}\n\n" for i, name in enumerate(names)]
-    (model / "images.txt").write_text("".join(rows))
-    return folder
-
-
 def test_colmap_photos_without_a_pose_stay_in_the_split(tmp_path: Path) -> None:
     capture = run(write_colmap(tmp_path / "in", NAMES[1:]), tmp_path / "out")
     assert capture.cameras_are == "given"
@@ -331,111 +274,6 @@ def test_bundled_captures_hold_the_truth(tmp_path: Path, monkeypatch: pytest.Mon
 
 
 # ------------------------------------------------------------------------------- refusals
-
-
-def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
-    assert "nowhere: expected a folder of photos" in refusal(tmp_path / "nowhere", tmp_path / "o")
-    (tmp_path / "file").write_text("")
-    assert "found a file" in refusal(tmp_path / "file", tmp_path / "o")
-    folder = write_photos(tmp_path / "in")
-    assert "folder of masks" in refusal(folder, tmp_path / "o", masks=tmp_path / "no")
-
-
-@pytest.mark.parametrize("count", [0, 1, 2])
-def test_too_few_photos(tmp_path: Path, count: int) -> None:
-    folder = write_photos(tmp_path / "in", NAMES[:count])
-    message = refusal(folder, tmp_path / "out")
-    assert f"found {count} photos; at least 3 are needed" in message
-    assert str(folder) in message
-
-
-def test_three_photos_are_enough_to_begin(tmp_path: Path) -> None:
-    assert len(run(write_photos(tmp_path / "in", NAMES[:3]), tmp_path / "out").views) == 3
-
-
-def test_all_problems_are_named_at_once(tmp_path: Path) -> None:
-    folder = write_photos(tmp_path / "in")
-    Image.fromarray(picture(1)[..., 0]).save(folder / NAMES[1])
-    Image.fromarray(picture(2)[..., 0].astype(np.uint16) * 257).save(folder / NAMES[2])
-    (folder / NAMES[3]).write_bytes((folder / NAMES[3]).read_bytes()[:500])
-    (folder / NAMES[4]).write_bytes(b"")
-    lines = refusal(folder, tmp_path / "out").splitlines()
-    expected = {
-        NAMES[1]: "grey photo",
-        NAMES[2]: "16 bits per channel",
-        NAMES[3]: "damaged or cut short",
-        NAMES[4]: "cannot be read as an image",
-    }
-    assert len(lines) == len(expected)
-    for line, (name, problem) in zip(lines, expected.items(), strict=True):
-        assert str(folder / name) in line
-        assert problem in line
-
-
-def test_a_file_that_is_no_photo(tmp_path: Path) -> None:
-    folder = write_photos(tmp_path / "in")
-    (folder / "notes.txt").write_text("x")
-    message = refusal(folder, tmp_path / "out")
-    assert f"{folder / 'notes.txt'}: not an image; remove it" in message
-
-
-def test_two_photos_of_one_name_are_refused(tmp_path: Path) -> None:
-    write_photos(tmp_path / "in" / "left", NAMES[:3])
-    write_photos(tmp_path / "in", [f"left__{NAMES[1]}"])
-    message = refusal(tmp_path / "in", tmp_path / "out")
-    assert f"both would be called left__{NAMES[1]}; rename one" in message
-
-
-def test_photos_beside_the_images_folder(tmp_path: Path) -> None:
-    write_photos(tmp_path / "in" / "images")
-    write_photos(tmp_path / "in", ["extra.png"])
-    assert "extra.png: 1 photos lie beside" in refusal(tmp_path / "in", tmp_path / "out")
-
-
-def test_masks_upside_down(tmp_path: Path) -> None:
-    folder = write_photos(tmp_path / "in")
-    write_masks(folder / "masks", 255 - disc())
-    assert "10 of 10 masks look inverted" in refusal(folder, tmp_path / "out")
-
-
-def test_masks_missing_or_of_another_size(tmp_path: Path) -> None:
-    folder = write_photos(tmp_path / "in")
-    write_masks(folder / "masks", disc())
-    (folder / "masks" / f"{NAMES[7]}.png").unlink()
-    Image.fromarray(disc()[::2, ::2]).save(folder / "masks" / f"{NAMES[8]}.png")
-    message = refusal(folder, tmp_path / "out")
-    assert f"no mask for {NAMES[7]}" in message
-    assert f"{NAMES[8]}.png: the mask is 24x18, its photo 48x36" in message
-
-
-def test_transparency_in_some_photos_only(tmp_path: Path) -> None:
-    write_cutouts(tmp_path / "in")
-    Image.fromarray(picture(9)).save(tmp_path / "in" / NAMES[9])
-    message = refusal(tmp_path / "in", tmp_path / "out")
-    assert f"{NAMES[9]}: 1 of 10 photos have no mask or transparency" in message
-
-
-def test_intrinsics_of_other_photos(tmp_path: Path) -> None:
-    folder = write_transforms(tmp_path / "in", w=2 * WIDTH, h=2 * HEIGHT)
-    assert "the photo is 48x36, its camera says 96x72" in refusal(folder, tmp_path / "out")
-
-
-def test_exif_orientation_with_a_given_camera_is_ambiguous(tmp_path: Path) -> None:
-    folder = write_transforms(tmp_path / "in")
-    exif = Image.Exif()
-    exif[0x0112] = 3  # upside down: the size does not tell which way up the pose is
-    Image.fromarray(picture(0)).save(folder / "images" / NAMES[0], exif=exif)
-    assert f"{NAMES[0]}: turned by its EXIF orientation" in refusal(folder, tmp_path / "out")
-
-
-def test_exif_orientation_is_clear_where_the_cameras_size_tells_it(tmp_path: Path) -> None:
-    folder = write_transforms(tmp_path / "in")
-    exif = Image.Exif()
-    exif[0x0112] = 6
-    sideways = Image.fromarray(np.ascontiguousarray(np.rot90(picture(0))))
-    sideways.save(folder / "images" / NAMES[0], exif=exif)
-    view = run(folder, tmp_path / "out").views[0]
-    np.testing.assert_array_equal(pixels(view.photo), picture(0))
 
 
 @pytest.mark.real_data

@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 from mattgs_ops.store.cleaning import clean, in_use
-from mattgs_ops.store.store import Finished, StageKey, Store, stage_key
+from mattgs_ops.store.keys import StageKey, stage_key
+from mattgs_ops.store.store import Finished, Store
 
 PAST = time.time() - 3600
 

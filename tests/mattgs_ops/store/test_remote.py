@@ -11,8 +11,9 @@ import fsspec
 import pytest
 
 from mattgs_ops.errors import InputError, StageError
+from mattgs_ops.store.keys import stage_key
 from mattgs_ops.store.remote import RemoteStore
-from mattgs_ops.store.store import Finished, Store, stage_key
+from mattgs_ops.store.store import Finished, Store
 
 KEY = stage_key("train", "c0de", {"steps": 3}, {"scene": "aa"})
 

@@ -16,7 +16,8 @@ import pytest
 
 from mattgs_ops.config import SfmConfig
 from mattgs_ops.errors import InputError, StageError
-from mattgs_ops.store.store import Store, stage_key
+from mattgs_ops.store.keys import stage_key
+from mattgs_ops.store.store import Store
 
 KEY = stage_key("train", "c0de", {"steps": 3}, {"scene": "aa"})
 
@@ -147,7 +148,8 @@ def process(root: Path, body: str) -> "subprocess.Popen[str]":
     code = f"""
         import sys
         from pathlib import Path
-        from mattgs_ops.store.store import Store, stage_key
+        from mattgs_ops.store.keys import stage_key
+        from mattgs_ops.store.store import Store
         store, key = Store(Path({str(root)!r})), stage_key(*{given!r})
     """
     text = textwrap.dedent(code) + textwrap.dedent(body)

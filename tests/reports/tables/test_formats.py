@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from reports.tables import formats, paper, side_tables
+from reports.tables import formats, latex, paper, side_tables
 from reports.tables.formats import Entry, Group, Line, Table
 
 Row = dict[str, Any]
@@ -56,7 +56,7 @@ def test_markdown_has_as_many_cells_in_every_row(table: Table) -> None:
 
 
 def test_latex_escapes_what_it_reads_as_commands(table: Table) -> None:
-    text = formats.latex(table)
+    text = latex.latex(table)
     assert r"\caption{Title\_1 \% | x}" in text
     assert r"Ours \& <b> (a)" in text
     assert r"\textbf{25.00 $\pm$ 0.10}" in text
@@ -66,7 +66,7 @@ def test_every_sign_of_the_real_tables_is_known_to_latex(
     make_grid: Callable[..., list[Row]],
 ) -> None:
     for table in side_tables.all_tables(make_grid(seeds=2)):
-        assert formats.latex(table).isascii(), table.slug
+        assert latex.latex(table).isascii(), table.slug
 
 
 @pytest.mark.skipif(shutil.which("pdflatex") is None, reason="no pdflatex on this machine")
@@ -81,7 +81,7 @@ def test_latex_compiles_and_fits_the_line(
     cell = 'capture="rover"\nbackground="nobg"\nmethod="ours+"\n'
     values.write_text(f"[source]\nread_from='p. 5'\n[[value]]\n{cell}psnr=30.0\ntime=800\n")
     found = side_tables.all_tables(rows, paper.load(values))
-    body = "\n".join(formats.latex(table) for table in found)
+    body = "\n".join(latex.latex(table) for table in found)
     head = r"\documentclass{article}\usepackage{booktabs,graphicx}"
     (tmp_path / "t.tex").write_text(head + r"\begin{document}" + body + r"\end{document}")
     command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "t.tex"]

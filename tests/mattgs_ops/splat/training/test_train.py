@@ -1,8 +1,7 @@
 """Training on a tiny scene: it learns, repeats, resumes, and never looks at test views."""
 
-import csv
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,64 +11,23 @@ import pytest
 import torch
 
 from mattgs_ops.capture.scene import Scene, SparsePoints
-from mattgs_ops.config import Condition, TrainConfig
+from mattgs_ops.config import TrainConfig
 from mattgs_ops.errors import StageError
-from mattgs_ops.method import METHODS, MethodConfig
+from mattgs_ops.method import MethodConfig
 from mattgs_ops.splat.files.ply import read_ply
 from mattgs_ops.splat.photos import load_view
 from mattgs_ops.splat.rasterize import Seen, render
-from mattgs_ops.splat.render import render_view
 from mattgs_ops.splat.ssim import PhotometricLoss
 from mattgs_ops.splat.training import schedule as schedule_module
 from mattgs_ops.splat.training import trainer as trainer_module
 from mattgs_ops.splat.training.optimise import FIELDS, Adam
 from mattgs_ops.splat.training.report import TrainingReport
-from mattgs_ops.splat.training.train import train
-
-STEPS = 60
-Train = Callable[..., TrainingReport]
-
-
-class KilledError(Exception):
-    """Stands for the process being killed."""
-
-
-@pytest.fixture
-def run(tiny_scene: Scene, tmp_path: Path) -> Train:
-    def run(out: str, condition: str = "nobg-3dgs", **changes: Any) -> TrainingReport:
-        parsed = Condition.parse(condition)
-        options: dict[str, Any] = {"iterations": STEPS, "resolution": 48, "seed": 0} | changes
-        method = options.pop("method", METHODS.get(parsed.method))
-        config = options.pop("config", TrainConfig(checkpoint_every=20))
-        scene = options.pop("scene", tiny_scene)
-        return train(scene, parsed, method, config, out=tmp_path / out, **options)
-
-    return run
-
-
-def splats_of(folder: Path) -> bytes:
-    return (folder / "splats.ply").read_bytes()
-
-
-def pruned_of(folder: Path) -> list[tuple[float, ...]]:
-    """Return step and centre of every splat that the method removed."""
-    if not (folder / "pruned.npz").is_file():
-        return []
-    with np.load(folder / "pruned.npz") as told:
-        rows = zip(told["step"].tolist(), told["xyz"].tolist(), strict=True)
-        return [(step, *xyz) for step, xyz in rows]
-
-
-def held_out_psnr(scene: Scene, condition: str, folder: Path, *, inside: bool = False) -> float:
-    """PSNR of the held-out views, or of the object's pixels alone."""
-    splats = read_ply(folder / "splats.ply")
-    errors = []
-    for view in scene.registered("test"):
-        truth = load_view(view, Condition.parse(condition).background, 48)
-        shown = render_view(splats, truth.camera) / 255.0
-        chosen = truth.mask > 0.5 if inside else np.ones_like(truth.mask, bool)
-        errors.append(((shown - truth.image)[chosen] ** 2).mean())
-    return float(-10 * np.log10(np.mean(errors)))
+from tests.mattgs_ops.splat.training.conftest import (
+    STEPS,
+    Train,
+    held_out_psnr,
+    splats_of,
+)
 
 
 # eq. 15 taken literally leaves flat areas without L1, and gains less in as many steps
@@ -140,69 +98,6 @@ def test_a_seed_repeats_to_the_bit_whatever_the_threads(run: Train, tmp_path: Pa
         run(out, **options)
     assert splats_of(tmp_path / "a") == splats_of(tmp_path / "b")
     assert splats_of(tmp_path / "a") != splats_of(tmp_path / "c")
-
-
-@pytest.mark.parametrize("condition", ["nobg-3dgs", "nobg-blend"])
-def test_a_killed_run_resumes_to_the_same_bits(run: Train, tmp_path: Path, condition: str) -> None:
-    blend = MethodConfig(weighting="residual", prune="blend", prune_opacity=0.5)
-    options = {"method": METHODS["3dgs"] if condition == "nobg-3dgs" else blend}
-    whole = run("whole", condition, **options)
-
-    def kill(step: int, total: int, note: str) -> None:
-        del total, note
-        if step >= 45:
-            raise KilledError
-
-    with pytest.raises(KilledError):
-        run("killed", condition, progress=kill, **options)
-    assert not (tmp_path / "killed" / "training.json").exists()
-    resumed = run("killed", condition, **options)
-    assert resumed.resumed_from == 40
-    assert splats_of(tmp_path / "killed") == splats_of(tmp_path / "whole")
-    assert resumed.loss_terms == whole.loss_terms
-    assert resumed.counters == whole.counters
-    assert pruned_of(tmp_path / "killed") == pruned_of(tmp_path / "whole")
-    assert len(pruned_of(tmp_path / "whole")) == whole.counters.get("removed_unattended", 0)
-    assert whole.counters["added"] > 0, "the run must have densified for this to mean anything"
-    assert not (tmp_path / "killed" / "checkpoint.npz").exists()
-    with (tmp_path / "killed" / "curve.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    assert [int(row["step"]) for row in rows] == list(range(1, STEPS + 1))
-    with (tmp_path / "whole" / "curve.csv").open() as file:
-        fixed = [row["fixed_psnr"] for row in csv.DictReader(file)]
-    assert [row["fixed_psnr"] for row in rows] == fixed
-    assert len(set(fixed)) == STEPS, "the view is rendered anew at each row"
-
-
-def test_a_run_killed_after_its_end_is_found_finished(run: Train, tmp_path: Path) -> None:
-    first = run("out", "nobg-ours")
-    (tmp_path / "out" / "checkpoint.npz").write_bytes(b"the kill came before its removal")
-    assert run("out", "nobg-ours") == first, "its seconds too: nothing was trained"
-    assert not (tmp_path / "out" / "checkpoint.npz").exists()
-    assert run("out", "nobg-3dgs").digest != first.digest
-
-
-@pytest.mark.parametrize("name", ["splats.ply", "training.json"])
-def test_half_a_result_is_made_again(run: Train, tmp_path: Path, name: str) -> None:
-    first, before = run("out"), splats_of(tmp_path / "out")
-    path = tmp_path / "out" / name
-    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    assert run("out") != first
-    assert splats_of(tmp_path / "out") == before
-
-
-def test_a_checkpoint_of_another_training_is_left_alone(run: Train, tmp_path: Path) -> None:
-    def kill(step: int, total: int, note: str) -> None:
-        del total, note
-        if step >= 45:
-            raise KilledError
-
-    with pytest.raises(KilledError):
-        run("a", progress=kill)
-    report = run("a", seed=1)
-    assert report.resumed_from == 0
-    run("b", seed=1)
-    assert splats_of(tmp_path / "a") == splats_of(tmp_path / "b")
 
 
 def test_poisoned_test_photos_change_nothing(run: Train, tiny_scene: Scene, tmp_path: Path) -> None:

@@ -67,6 +67,7 @@ def benchmark(config: BenchmarkConfig, out: Path, tracking_uri: str) -> Path:
         for chain in chains:
             outcomes.append(_wait(place, chain))
             row = make_row(place, config, outcomes[-1], {})
+            _warn(place, row)
             known = settings(config, chain.cell), outcomes[-1].artifacts
             recorded.append(record(place, tracking_uri, row, *known))
             shown.show(len(outcomes), sum(outcome.reason is not None for outcome in outcomes))
@@ -144,6 +145,15 @@ def _wait(place: Place, chain: Chain) -> Outcome:
             told.learn(f"{name} {owner}", name, "failed", 0.0, reason)
             return replace(outcome, reason=reason)
     return outcome
+
+
+def _warn(place: Place, row: Row) -> None:
+    """Leave a row's warnings with the stage that made its masks, for `mattgs status`."""
+    stages = [stage for stage in ("segment", "agree") if stage in row["seconds"]]
+    if row["warnings"] and stages:
+        title = slug(" ".join([stages[-1], row["capture"]]))
+        told = StatusFile(place.status / f"{title}.json")
+        told.warn("; ".join(one["text"] for one in row["warnings"]))
 
 
 def _measure(

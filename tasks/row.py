@@ -5,7 +5,7 @@ A row holds numbers and references only; everything in it is read from the stage
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,8 @@ import numpy as np
 from PIL import Image
 
 from mattgs_ops.config import NO_RESULT, BenchmarkConfig, Condition
+from mattgs_ops.object_masks import doubts
+from mattgs_ops.segment.mask_report import MaskReport
 from mattgs_ops.store.digests import file_digest, json_digest, pixels_digest
 from tasks.stages.stage import Artifact, Cell, Place, code_versions
 
@@ -85,6 +87,7 @@ def make_row(
         "per_view": [],
         "registration": None,
         "masks": None,
+        "warnings": [],
         "provenance": _provenance(place, config, outcome),
         "digests": _digests(place, artifacts),
         "artifacts": _references(place, artifacts),
@@ -93,6 +96,7 @@ def make_row(
     }
     if "segment" in artifacts:
         row["masks"] = _masks(place.folder(artifacts.get("agree", artifacts["segment"])))
+        row["warnings"] = _warnings(place, artifacts)
     if "sfm" in artifacts:
         row["registration"] = _registration(place.folder(artifacts["sfm"]))
     if outcome.reason is None:
@@ -216,6 +220,14 @@ def _masks(folder: Path) -> dict[str, Any]:
         "flagged": flagged,
         "means": means,
     }
+
+
+def _warnings(place: Place, artifacts: Mapping[str, Artifact]) -> list[dict[str, Any]]:
+    """Return what is in doubt of the capture's masks: ``about``, ``text`` and ``serious`` each."""
+    masks = place.folder(artifacts.get("agree", artifacts["segment"]))
+    solved = "sfm" in artifacts
+    extra = _read(place.folder(scene_of(artifacts)) / "scene.json")["extra"] if solved else {}
+    return [asdict(one) for one in doubts.found(MaskReport.load(masks / "masks.json"), extra)]
 
 
 def _registration(folder: Path) -> dict[str, Any]:

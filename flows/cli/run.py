@@ -83,11 +83,15 @@ def _run_flow(config: BenchmarkConfig, out: Path, services: Services) -> tuple[P
 
 
 def _print_end(place: Place, report: Path, console: Console, seconds: float) -> None:
+    from reports.rows.doubts import warnings
     from reports.rows.schema import read_rows
     from reports.tables.tables import terminal as tables
 
     console.print()
-    console.print(tables(read_rows(report.parent / "rows.json")), markup=False, highlight=False)
+    rows = read_rows(report.parent / "rows.json")
+    console.print(tables(rows), markup=False, highlight=False)
+    for line in warnings(rows):
+        console.print(f"! {line}", style="yellow", markup=False, highlight=False)
     stages = status.read_all(place.status)
     console.print(terminal.stage_times(stages, seconds), markup=False, highlight=False)
     console.print(f"Runs: mattgs ui --out {place.out}", markup=False, highlight=False)

@@ -93,6 +93,10 @@ def _print(name: str, found: list[Progress], console: Console) -> None:
     notes = {s.title: s.note for one in found for s in one.stages.values() if s.state == "failed"}
     for stage, note in notes.items():
         console.print(f"{MARKS['failed']} {stage}: {note}", style="red", markup=False)
+    ended = {s.title: s for one in found for s in one.stages.values() if s.note}
+    for title, one_stage in ended.items():
+        if one_stage.state in ("done", "cached"):
+            console.print(f"! {title}: {one_stage.note}", style="yellow", markup=False)
 
 
 def _cell(stage: Status | None) -> str:

@@ -9,10 +9,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from reports.figures import photos, pictures, plots, trade_off
+from reports.figures import mask_sheets, photos, pictures, plots, trade_off
 from reports.figures.pictures import Gallery
 from reports.figures.plots import Saved
 from reports.page import page
+from reports.rows.doubts import warnings
 from reports.rows.schema import Row, captures, cells, problems, refused
 from reports.tables import formats, latex, origins, paper, promoted, verdict
 from reports.tables.formats import Table
@@ -61,6 +62,7 @@ def build(
     judged = [*([] if whole is None else [whole]), *verdict.verdicts(good)]
     line = verdict.summary_line(good, planned)
     notes = [*notes, *origins.notes(good)]
+    warned = warnings(good)
     html = page.render(
         title=title,
         summary=line,
@@ -72,9 +74,10 @@ def build(
         root=artifacts_root,
         problems=wrong,
         notes=notes,
+        warnings=warned,
     )
     missing = [*wrong, *pictures.told(found)]
-    words = _markdown(title, line, judged, notes, tables, drawn, missing, out)
+    words = _markdown(title, line, warned, judged, notes, tables, drawn, missing, out)
     _write(out / "report.md", words)
     path = out / "report.html"
     _write(path, html)
@@ -90,12 +93,15 @@ def _draw(
             *plots.training_curves(rows, root, folder),
         ]
         shown = photos.all_photo_figures(found, cells(rows), root, folder)
+        masks = [mask_sheets.sheet(rows, name, root, folder) for name in captures(rows)]
+        shown += [one for one in masks if one is not None]
     return [*shown, *drawn]
 
 
 def _markdown(
     title: str,
     line: str,
+    warned: Sequence[str],
     judged: Sequence[verdict.Verdict],
     notes: Sequence[str],
     tables: Sequence[Table],
@@ -103,7 +109,10 @@ def _markdown(
     missing: Sequence[str],
     out: Path,
 ) -> str:
-    parts = [f"# {title}", "", line, "", "## Verdict", ""]
+    parts = [f"# {title}", "", line, ""]
+    if warned:
+        parts += ["## Warnings", "", *(f"- **{text}**" for text in warned), ""]
+    parts += ["## Verdict", ""]
     for one in judged:
         parts.append(f"- **{one.headline}**")
         parts += [f"  - {detail}" for detail in one.details]

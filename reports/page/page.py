@@ -55,6 +55,7 @@ def render(
     root: Path | None,
     problems: Sequence[str],
     notes: Sequence[str] = (),
+    warnings: Sequence[str] = (),
 ) -> str:
     """Return the page's HTML."""
     environment = jinja2.Environment(
@@ -90,6 +91,7 @@ def render(
         captures=captures,
         problems=problems,
         notes=notes,
+        warnings=warnings,
         missing=told(galleries),
         data=_script_json({"captures": captures}),
         style=_text("report.css"),

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from statistics import fmean, geometric_mean
 
 from reports.rows import columns, statistics
+from reports.rows.doubts import in_doubt
 from reports.rows.schema import (
     Cell,
     Row,
@@ -57,8 +58,13 @@ class Comparison:
 
 
 def overall(rows: Sequence[Row]) -> Verdict | None:
-    """Return the verdict over all captures; None where fewer than two compare."""
+    """Return the verdict over all captures; None where fewer than two compare.
+
+    Captures in doubt do not count.
+    """
     rows = refused(rows)
+    doubted = in_doubt(rows)
+    rows = [row for row in rows if row["capture"] not in doubted]
     mine = cells(rows)
     found: dict[tuple[str, str], list[Comparison]] = {}
     for name in captures(rows):
@@ -115,10 +121,20 @@ def _and(parts: Sequence[str]) -> str:
 def verdicts(rows: Sequence[Row]) -> list[Verdict]:
     """Return one verdict per capture, in the order of the tables."""
     rows = refused(rows)
-    mine = cells(rows)
-    return [
+    mine, doubted = cells(rows), in_doubt(rows)
+    found = [
         _of_capture(name, [c for c in mine if c.key.capture == name]) for name in captures(rows)
     ]
+    return [
+        Verdict(one.capture, _doubted(one.capture, doubted[one.capture]), one.details)
+        if one.capture in doubted
+        else one
+        for one in found
+    ]
+
+
+def _doubted(name: str, why: str) -> str:
+    return f"{capture_name(name)}: no verdict, for {why}."
 
 
 def _of_capture(name: str, mine: Sequence[Cell]) -> Verdict:

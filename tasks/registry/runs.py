@@ -240,7 +240,8 @@ def _run_of(client: Any, experiment: str, row: Row) -> str:
 
 
 def _ended(row: Row) -> dict[str, str]:
-    return {"status": row["status"], "reason": str(row.get("reason") or "")}
+    told = "; ".join(one["text"] for one in row.get("warnings") or ())
+    return {"status": row["status"], "reason": str(row.get("reason") or ""), "warnings": told}
 
 
 def _find_run(client: Any, experiment: str, row: Row) -> str | None:

@@ -87,6 +87,12 @@ class StatusFile:
             now = time.time()
             self._write(Status(title, stage, state, 0, 0, note, now - seconds, now))
 
+    def warn(self, note: str) -> None:
+        """Leave a sentence with a stage that has ended well."""
+        known = read(self.path)
+        if known is not None and known.state in ("done", "cached"):
+            self._write(replace(known, note=note))
+
     def restore(self, status: Status) -> None:
         """Put back what was there before."""
         self._write(status)

@@ -181,3 +181,39 @@ def test_the_page_says_under_what_settings_it_came_about(make_row: Callable[...,
         "CPU": "A CPU",
         "Threads per training": "1",
     }
+
+
+def test_a_capture_in_doubt_is_warned_of_at_the_top_and_gets_no_verdict(
+    make_row: Callable[..., Row], tmp_path: Path
+) -> None:
+    told = [{"about": "masks", "text": "masks contradict each other", "serious": True}]
+    rows = [
+        make_row(capture, "nobg", method, warnings=told if capture == "rover" else [])
+        for capture in ("rover", "hexapod")
+        for method in ("3dgs", "ours")
+    ]
+    page = build(rows, tmp_path, title="Toy", artifacts_root=None)
+    words = (tmp_path / "report.md").read_text(encoding="utf-8")
+    sentence = "Rover: masks contradict each other. No verdict is given for it."
+    assert words.index(sentence) < words.index("## Verdict")
+    assert "Rover: no verdict, for masks contradict each other." in words
+    text = page.read_text(encoding="utf-8")
+    assert text.index(sentence) < text.index('id="verdict"')
+    # one capture is left, and one is not enough for a sentence over all
+    assert verdict.overall(rows) is None
+    assert verdict.verdicts(rows)[1].headline.startswith("Hexapod: without")
+
+
+def test_a_mere_note_leaves_the_verdict(make_row: Callable[..., Row], tmp_path: Path) -> None:
+    note = [{"about": "masks", "text": "no object was found in a.jpg", "serious": False}]
+    rows = [make_row("rover", "nobg", method, warnings=note) for method in ("3dgs", "ours")]
+    build(rows, tmp_path, title="Toy", artifacts_root=None)
+    words = (tmp_path / "report.md").read_text(encoding="utf-8")
+    assert "- **Rover: no object was found in a.jpg.**" in words
+    assert "no verdict" not in words
+
+
+def test_each_capture_has_a_sheet_of_its_masks(built: Path) -> None:
+    assert (built.parent / "figures" / "figure-masks-rover.png").is_file()
+    text = built.read_text(encoding="utf-8")
+    assert "Outlines of the masks, all photos." in text

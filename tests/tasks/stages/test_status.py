@@ -46,3 +46,15 @@ def test_a_stage_whose_file_was_taken_away_ends_now_and_took_no_time(tmp_path: P
     found = read(tmp_path / "train.json")
     assert found is not None
     assert (found.state, found.seconds) == ("done", 0)
+
+
+def test_a_warning_stays_with_a_stage_that_ended_well(tmp_path: Path) -> None:
+    good, bad = StatusFile(tmp_path / "agree.json"), StatusFile(tmp_path / "train.json")
+    for file, state in ((good, "done"), (bad, "failed")):
+        file.begin(file.path.stem, file.path.stem)
+        file.end(state, "broken" if state == "failed" else "")  # type: ignore[arg-type]
+        file.warn("masks cover the frame")
+    notes = {status.title: status.note for status in read_all(tmp_path)}
+    assert notes == {"agree": "masks cover the frame", "train": "broken"}
+    StatusFile(tmp_path / "none.json").warn("nobody ran")
+    assert not (tmp_path / "none.json").exists()

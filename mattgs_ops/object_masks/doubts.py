@@ -1,0 +1,77 @@
+"""What a reader must know of a capture's masks, and whether they are in doubt.
+
+``found(report, extra)`` reads a mask report and what the scene says of the views' agreement. A
+capture whose masks are in doubt gets no verdict: everything after masks is built on them.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mattgs_ops.segment.mask_report import FRAME_SHARE, MaskReport
+
+# Two masks whose IoU is below a half differ in more than they share.
+CONTRADICT = 0.5
+MANY = 0.5  # of the views: a flag that more than half of them carry is the capture's
+NAMED = 5  # views named in one sentence
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """A sentence about a capture's ``about`` (masks, here); ``serious`` ones forbid a verdict."""
+
+    about: str
+    text: str
+    serious: bool
+
+
+def found(report: MaskReport, extra: Mapping[str, Any]) -> list[Doubt]:
+    """Return all doubts, serious ones first; ``extra`` is the scene's own."""
+    agreement = extra.get("agreement") or {}
+    texts = [*_contradictions(agreement), *_flooded(report)]
+    doubts = [Doubt("masks", text, True) for text in texts]
+    dropped = list(extra.get("dropped") or ())
+    if dropped:
+        text = f"no object was found in {_named(dropped)}: nothing is trained or scored there"
+        doubts.append(Doubt("masks", text, False))
+    return doubts
+
+
+def _contradictions(agreement: Mapping[str, Any]) -> list[str]:
+    """Say whether masks contradict each other, or the network's own."""
+    none = str(agreement.get("none", ""))
+    if "share no object" in none:
+        return ["the photos' maps share no object"]
+    told = []
+    if "silhouettes" in agreement:
+        best = max(agreement["silhouettes"], agreement.get("votes") or 0.0)
+        if best < CONTRADICT:
+            told.append(
+                f"masks of different photos contradict each other: what the others say meets a "
+                f"photo's own map with a mean IoU of {best:.2f}, below {CONTRADICT}"
+            )
+    overlaps = list((agreement.get("overlap") or {}).values())
+    if overlaps and float(np.mean(overlaps)) < CONTRADICT:
+        told.append(
+            f"masks differ from the network's own: mean IoU {float(np.mean(overlaps)):.2f}, below "
+            f"{CONTRADICT}"
+        )
+    return told
+
+
+def _flooded(report: MaskReport) -> list[str]:
+    """Say whether masks cover the frame; masks that are meant to are not asked."""
+    if report.source == "none":
+        return []
+    flooded = [view.name for view in report.views if {"frame", "full"} & set(view.flags)]
+    if len(flooded) <= MANY * len(report.views):
+        return []
+    text = f"masks cover more than {FRAME_SHARE:.0%} of the photo's border in"
+    return [f"{text} {len(flooded)} of {len(report.views)} photos"]
+
+
+def _named(names: list[str]) -> str:
+    more = len(names) - NAMED
+    return ", ".join(names[:NAMED]) + (f" and {more} more" if more > 0 else "")

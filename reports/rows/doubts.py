@@ -1,0 +1,35 @@
+"""Warnings that rows carry: what a reader must know of a capture before believing its numbers.
+
+A row's ``warnings`` are objects with ``about`` (what: masks, say), ``text`` (a clause) and
+``serious``. A capture with a serious one gets no verdict.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from reports.rows.schema import Row, capture_name
+
+
+def warnings(rows: Sequence[Row]) -> list[str]:
+    """Return all warnings of all rows as sentences, each once, with the capture's name."""
+    told: dict[str, None] = {}
+    for row in rows:
+        for one in _of(row):
+            note = " No verdict is given for it." if one["serious"] else ""
+            told[f"{capture_name(row['capture'])}: {one['text']}.{note}"] = None
+    return list(told)
+
+
+def in_doubt(rows: Sequence[Row]) -> dict[str, str]:
+    """Return the captures that get no verdict, and why."""
+    found: dict[str, dict[str, None]] = {}
+    for row in rows:
+        for one in _of(row):
+            if one["serious"]:
+                found.setdefault(row["capture"], {})[one["text"]] = None
+    return {name: "; ".join(texts) for name, texts in found.items()}
+
+
+def _of(row: Row) -> Sequence[Mapping[str, Any]]:
+    found: Sequence[Mapping[str, Any]] = row.get("warnings") or ()
+    return found

@@ -1,0 +1,58 @@
+"""When masks are in doubt, and what is said then."""
+
+import re
+
+import pytest
+
+from mattgs_ops.object_masks.doubts import found
+from mattgs_ops.segment.mask_report import MaskReport, ViewReport
+
+GOOD = {"silhouettes": 0.8, "votes": 0.9, "overlap": {"a": 0.9, "b": 0.7}}
+
+
+def report(flags: tuple[tuple[str, ...], ...] = ((), (), ()), source: str = "u2net") -> MaskReport:
+    views = tuple(ViewReport(f"{i}.jpg", 0.3, flag, None) for i, flag in enumerate(flags))
+    return MaskReport(source, "votes", None, views)
+
+
+def test_masks_that_agree_are_not_in_doubt() -> None:
+    assert found(report(), {"agreement": GOOD, "dropped": []}) == []
+    assert found(report(), {}) == []
+    assert found(report((("frame",), (), ())), {"agreement": GOOD}) == []
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"silhouettes": 0.4, "votes": 0.45}, "contradict each other: .* 0.45"),
+        ({"silhouettes": 0.4, "votes": None}, "contradict each other: .* 0.40"),
+        ({"overlap": {"a": 0.3, "b": 0.5}}, "differ from the network's own: mean IoU 0.40"),
+    ],
+)
+def test_masks_that_contradict_each_other_or_the_network(
+    change: dict[str, object], words: str
+) -> None:
+    (doubt,) = found(report(), {"agreement": GOOD | change})
+    assert doubt.serious
+    assert re.search(words, doubt.text)
+
+
+def test_maps_that_share_no_object() -> None:
+    none = {"none": "the photos' maps share no object"}
+    assert [doubt.serious for doubt in found(report(), {"agreement": none})] == [True]
+    given = {"none": "masks are given, nothing to vote on"}
+    assert found(report(), {"agreement": given}) == []
+
+
+def test_masks_that_cover_the_frame_unless_they_are_meant_to() -> None:
+    flags = (("frame",), ("full", "frame"), ())
+    (doubt,) = found(report(flags), {"agreement": GOOD})
+    assert doubt.serious
+    assert "2 of 3 photos" in doubt.text
+    assert found(report(flags, source="none"), {}) == []
+
+
+def test_a_dropped_view_is_told_and_no_reason_for_doubt() -> None:
+    (doubt,) = found(report(), {"agreement": GOOD, "dropped": ["7.jpg"]})
+    assert not doubt.serious
+    assert "7.jpg" in doubt.text

@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mattgs_ops.capture.camera import Camera
-from mattgs_ops.sfm.colmap.matching import Matches, Pair, nearest
+from mattgs_ops.sfm.colmap.matching import Matches, Pair, stands_out
 
 Array = NDArray[np.float64]
 BAND = 2.0  # pixels beside the line; COLMAP calls twice as much an inlier
 OUT_OF_BAND = -1.0  # below every product of descriptors
+BLOCK = 128  # rows at a time: what belongs to them stays in the processor's cache
 
 
 def essential(first: Camera, second: Camera) -> Array:
@@ -27,30 +28,79 @@ def essential(first: Camera, second: Camera) -> Array:
     return np.asarray(cross @ rotation, dtype=np.float64)
 
 
-def line_distances(matrix: Array, first: Array, second: Array) -> Array:
-    """Return how far each of ``second`` [M, 2] is from the line of each of ``first`` [N, 2].
+def epipolar_lines(matrix: Array, points: Array) -> Array:
+    """Return the lines [N, 3] of points [N, 2] in the other view; ``line · (x, y, 1)`` is metric.
 
-    Both are on the normalised image plane; the result [N, M] is in focal lengths.
+    Points and lines are on the normalised image plane: distances are in focal lengths.
     """
-    lines = np.column_stack([first, np.ones(len(first))]) @ matrix.T
-    length = np.maximum(np.hypot(lines[:, 0], lines[:, 1]), 1e-12)[:, None]
-    points = np.column_stack([second, np.ones(len(second))])
-    return np.asarray(np.abs(lines @ points.T) / length, dtype=np.float64)
+    lines = homogeneous(points) @ matrix.T
+    lines /= np.maximum(np.hypot(lines[:, 0], lines[:, 1]), 1e-12)[:, None]
+    return np.asarray(lines, dtype=np.float64)
+
+
+def homogeneous(points: Array) -> Array:
+    """Return points [N, 2] as (x, y, 1)."""
+    return np.column_stack([points, np.ones(len(points))])
+
+
+def near_lines(
+    matrix: Array, first: Array, second: Array, bands: tuple[float, float]
+) -> Callable[[slice], NDArray[np.bool_]]:
+    """Return a function that says, for some of ``first`` [N, 2], which of ``second`` are near.
+
+    Near means within ``bands`` (focal lengths) of each other's line, in the second view and in the
+    first. Single precision will do: bands are a thousandth of a focal length.
+    """
+    there = epipolar_lines(matrix, first).astype(np.float32)
+    back = epipolar_lines(matrix.T, second).astype(np.float32).T
+    mine, yours = homogeneous(first).astype(np.float32), homogeneous(second).astype(np.float32).T
+
+    def near(part: slice) -> NDArray[np.bool_]:
+        close = np.abs(there[part] @ yours) <= np.float32(bands[0])
+        close &= np.abs(mine[part] @ back) <= np.float32(bands[1])
+        return np.asarray(close)
+
+    return near
 
 
 def match_near_lines(
-    first: NDArray[np.uint8], second: NDArray[np.uint8], near: NDArray[np.bool_]
+    first: NDArray[np.uint8],
+    second: NDArray[np.uint8],
+    near: Callable[[slice], NDArray[np.bool_]],
 ) -> Matches:
-    """Match descriptors [N, 128] and [M, 128] where ``near`` [N, M] allows; see ``match``."""
+    """Match descriptors [N, 128] and [M, 128] where ``near`` allows; see ``match``.
+
+    ``near`` is asked for some rows at a time: which of the second may match these of the first.
+    """
     if min(len(first), len(second)) < 2:
         return np.zeros((0, 2), dtype=np.uint32)
-    products = first.astype(np.float32) @ second.astype(np.float32).T
-    products[~near] = OUT_OF_BAND
-    turned = np.ascontiguousarray(products.T)
-    there, back = nearest(products), nearest(turned)
+    a, b = first.astype(np.float32), second.astype(np.float32).T
+    found = []
+    for start in range(0, len(a), BLOCK):
+        part = slice(start, start + BLOCK)
+        row, column = np.nonzero(near(part))
+        found.append((row + start, column, (a[part] @ b)[row, column]))
+    row, column, product = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    there = nearest_of(row, column, product, len(first))
+    back = nearest_of(column, row, product, len(second))
     rows = np.flatnonzero(there >= 0)
     rows = rows[back[there[rows]] == rows]
     return np.stack([rows, there[rows]], axis=1).astype(np.uint32)
+
+
+def nearest_of(
+    row: NDArray[np.int64], column: NDArray[np.int64], product: NDArray[np.float32], count: int
+) -> NDArray[np.int64]:
+    """Return for ``count`` rows what ``matching.nearest`` does, from some products [P] alone."""
+    order = np.lexsort((column, -product, row))
+    row, column, product = row[order], column[order], product[order]
+    best = np.flatnonzero(np.diff(row, prepend=-1))
+    follows = np.minimum(best + 1, len(row) - 1)
+    alone = (follows == best) | (row[follows] != row[best])
+    second = np.where(alone, OUT_OF_BAND, product[follows])
+    out = np.full(count, -1, dtype=np.int64)
+    out[row[best]] = np.where(stands_out(product[best], second), column[best], -1)
+    return out
 
 
 def match_guided(
@@ -72,10 +122,11 @@ def match_guided(
     def one(pair: Pair) -> Matches:
         i, j = pair
         matrix = essential(cameras[i], cameras[j])
-        bands = [BAND / min(c.intrinsics.fx, c.intrinsics.fy) for c in (cameras[j], cameras[i])]
-        there = line_distances(matrix, rays[i], rays[j]) <= bands[0]
-        back = line_distances(matrix.T, rays[j], rays[i]) <= bands[1]
-        found = match_near_lines(descriptors[i], descriptors[j], there & back.T)
+        across, here = (
+            BAND / min(c.intrinsics.fx, c.intrinsics.fy) for c in (cameras[j], cameras[i])
+        )
+        near = near_lines(matrix, rays[i], rays[j], (across, here))
+        found = match_near_lines(descriptors[i], descriptors[j], near)
         return np.stack([rows[i][found[:, 0]], rows[j][found[:, 1]]], axis=1).astype(np.uint32)
 
     out: dict[Pair, Matches] = {}

@@ -113,11 +113,15 @@ def nearest(products: NDArray[np.float32]) -> NDArray[np.int64]:
     best = products[rows, column]
     products[rows, column] = -1.0
     second = products.max(axis=1)
+    return np.where(stands_out(best, second), column, -1)
+
+
+def stands_out(best: NDArray[np.float32], second: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Say whether the best product is near enough, and so much nearer than the second best."""
     unit = DESCRIPTOR_LENGTH**2
     near = np.arccos(np.clip(best / unit, -1, 1))
     next_near = np.arccos(np.clip(second / unit, -1, 1))
-    good = (near <= FARTHEST) & (near < RATIO * next_near)
-    return np.where(good, column, -1)
+    return np.asarray((near <= FARTHEST) & (near < RATIO * next_near))
 
 
 def match_and_verify(
@@ -134,14 +138,9 @@ def match_and_verify(
 
     Per view, ``descriptors`` [S, 128] belong to the key points ``rows`` [S] of all its key points
     ``positions`` [K, 2] (pixels); matches are numbered among all. ``cameras`` are pycolmap's. Pairs
-    with fewer than 15 inliers    are left out; where nothing matches, all are.
+    with fewer than 15 inliers are left out; where nothing matches, all are.
     """
     import pycolmap
-
-    options = pycolmap.TwoViewGeometryOptions()
-    options.min_num_inliers = LEAST_MATCHES
-    options.ransac.random_seed = seed
-    options.ransac.num_threads = 1
 
     def one(pair: Pair) -> Verified | None:
         i, j = pair
@@ -150,7 +149,7 @@ def match_and_verify(
             return None
         found = np.stack([rows[i][found[:, 0]], rows[j][found[:, 1]]], axis=1).astype(np.uint32)
         geometry = pycolmap.estimate_two_view_geometry(
-            cameras[i], positions[i], cameras[j], positions[j], found, options
+            cameras[i], positions[i], cameras[j], positions[j], found, _options(len(found), seed)
         )
         inliers = np.asarray(geometry.inlier_matches, dtype=np.uint32).reshape(-1, 2)
         return Verified(geometry, inliers) if len(inliers) >= LEAST_MATCHES else None
@@ -175,6 +174,24 @@ def partners(pairs: Mapping[Pair, int], names: Sequence[str]) -> dict[str, list[
     return {
         name: sorted(found, key=lambda pair: (-pair[1], pair[0])) for name, found in out.items()
     }
+
+
+def _options(matches: int, seed: int) -> Any:
+    """Return what RANSAC is told about a pair with so many matches.
+
+    A pair is kept for ``LEAST_MATCHES`` inliers. RANSAC need not go on until it would have found
+    fewer, which is where pairs without hope spend their time. COLMAP's own bound holds where it is
+    higher.
+    """
+    import pycolmap
+
+    options = pycolmap.TwoViewGeometryOptions()
+    options.min_num_inliers = LEAST_MATCHES
+    options.ransac.random_seed = seed
+    options.ransac.num_threads = 1
+    needed = LEAST_MATCHES / matches
+    options.ransac.min_inlier_ratio = max(options.ransac.min_inlier_ratio, needed)
+    return options
 
 
 def united(first: Mapping[Pair, Matches], second: Mapping[Pair, Matches]) -> dict[Pair, Matches]:

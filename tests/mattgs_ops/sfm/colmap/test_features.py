@@ -5,6 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from mattgs_ops.config import SfmConfig
 from mattgs_ops.errors import InputError
@@ -13,21 +14,24 @@ from mattgs_ops.sfm.colmap.features import Features
 
 
 def select(inside: list[bool], scales: list[float], limit: int) -> Features:
+    """Return the chosen ones of some key points, whose x tells them apart."""
     keypoints = np.zeros((len(scales), 4), np.float32)
     keypoints[:, 2] = scales
-    keypoints[:, 0] = np.arange(len(scales))  # tells them apart
-    data = np.arange(len(scales), dtype=np.uint8)[:, None].repeat(128, axis=1)
-    return features.select(keypoints, data, np.array(inside, dtype=bool), limit)
+    keypoints[:, 0] = np.arange(len(scales))
+    found = np.array(inside, dtype=bool)
+    chosen = features.select(keypoints, found, limit)
+    data = np.zeros((len(chosen.rows), 128), np.uint8)
+    counts = len(found), int(found.sum())
+    kept = keypoints[chosen.rows], data, found[chosen.rows]
+    return Features(*kept, chosen.whole, chosen.masked, counts)
 
 
 def test_photo_and_object_each_keep_their_key_points_of_largest_scale() -> None:
     kept = select([False, True, False, True, True, False], [9, 1, 5, 2, 0.5, 7], 2)
     assert kept.keypoints[:, 0].tolist() == [0, 5, 3, 1]  # largest scale first
-    assert kept.descriptors[:, 0].tolist() == [0, 5, 3, 1]
     assert kept.whole.tolist() == [True, True, False, False]
     assert kept.masked.tolist() == [False, False, True, True]
     assert kept.inside.tolist() == [False, False, True, True]
-    assert kept.found == (6, 3)
 
 
 def test_modes_see_the_sets_that_are_theirs() -> None:
@@ -44,6 +48,54 @@ def test_without_a_cap_the_two_sets_are_the_photo_and_its_mask() -> None:
     assert kept.whole.all()
     assert np.array_equal(kept.masked, kept.inside)
     assert len(select([], [], 5).inside) == 0
+
+
+def blobs(centres: list[tuple[float, float]], sigma: float) -> NDArray[np.uint8]:
+    """Draw dark Gaussian blobs on grey, at pixels whose first one has its centre at (0.5, 0.5)."""
+    y, x = np.mgrid[:120, :160] + 0.5
+    image = np.full((120, 160), 0.7)
+    for cx, cy in centres:
+        image -= 0.5 * np.exp(-((x - cx) ** 2 + (y - cy) ** 2) / (2 * sigma**2))
+    return np.rint(image * 255).astype(np.uint8)
+
+
+def described(
+    image: NDArray[np.uint8], tmp_path: Path, scale: float = 1, limit: int = 99
+) -> Features:
+    mask = np.zeros([round(side * scale) for side in image.shape], np.uint8)
+    mask[:, : mask.shape[1] // 2] = 255  # the left half is object
+    cv2.imwrite(str(tmp_path / "mask.png"), mask)
+    how = features.Extraction(0.02 / 3)
+    return features.describe(image, scale, tmp_path / "mask.png", limit, how)
+
+
+def test_key_points_lie_in_the_middle_of_blobs_with_their_size(tmp_path: Path) -> None:
+    centres = [(40.0, 50.0), (103.3, 60.7)]
+    kept = described(blobs(centres, 4.0), tmp_path)
+    near = kept.keypoints[np.abs(kept.keypoints[:, 2] / 4.0 - 1) < 0.3]
+    for x, y in centres:
+        assert np.hypot(*(near[:, :2] - [x, y]).T).min() < 0.1  # of a pixel
+    assert kept.inside.tolist() == (kept.keypoints[:, 0] < 80).tolist()
+    twice = described(blobs(centres, 4.0), tmp_path, scale=2.0)
+    assert np.allclose(twice.keypoints[:, :3], 2 * kept.keypoints[:, :3])
+
+
+def test_only_what_is_kept_is_described_and_descriptors_have_one_length(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    image = cv2.GaussianBlur(rng.integers(0, 256, (120, 160), dtype=np.uint8), (0, 0), 1.5)
+    image = cv2.normalize(image, None, 0, 255, cv2.NORM_MINMAX)
+    kept, all_of_them = described(image, tmp_path, limit=20), described(image, tmp_path)
+    assert kept.found == all_of_them.found
+    assert 20 < len(kept.descriptors) <= 40 < sum(kept.found)
+    assert np.allclose(np.linalg.norm(kept.descriptors.astype(float), axis=1), 512, rtol=0.02)
+    # the same but for where the pyramid of blurred photos begins: at the finest that is asked for
+    likeness = kept.descriptors.astype(float) @ all_of_them.descriptors.astype(float).T / 512**2
+    assert (likeness.max(axis=1) > 0.97).all()
+
+
+def test_a_photo_without_texture_has_no_key_points(tmp_path: Path) -> None:
+    kept = described(np.full((60, 80), 128, np.uint8), tmp_path)
+    assert (kept.descriptors.shape, kept.found) == ((0, 128), (0, 0))
 
 
 def test_key_points_are_inside_by_the_pixel_they_fall_on(tmp_path: Path) -> None:

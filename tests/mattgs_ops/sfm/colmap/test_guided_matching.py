@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 
 from mattgs_ops.capture.camera import Camera, Intrinsics, rotation_of
 from mattgs_ops.sfm.colmap import guided_matching, matching
+from mattgs_ops.sfm.colmap.guided_matching import homogeneous
 
 FOCAL = 500.0
 INTRINSICS = Intrinsics(640, 480, FOCAL, FOCAL, 320.0, 240.0)
@@ -35,21 +36,28 @@ def test_a_points_projections_lie_on_each_others_lines(seed: int) -> None:
     cameras, points = two_cameras(rng), rng.uniform(-1, 1, (20, 3)) + np.array([0, 0, 4])
     first, second = rays(cameras[0], points), rays(cameras[1], points)
     matrix = guided_matching.essential(cameras[0], cameras[1])
-    distances = guided_matching.line_distances(matrix, first, second)
-    assert distances.shape == (20, 20)
-    assert np.diag(distances).max() < 1e-12
-    assert np.diag(guided_matching.line_distances(matrix.T, second, first)).max() < 1e-12
+    there = guided_matching.epipolar_lines(matrix, first)
+    back = guided_matching.epipolar_lines(matrix.T, second)
+    assert np.abs((there * homogeneous(second)).sum(axis=1)).max() < 1e-12
+    assert np.abs((back * homogeneous(first)).sum(axis=1)).max() < 1e-12
     assert np.allclose(guided_matching.essential(cameras[1], cameras[0]), matrix.T)
 
 
-def test_distances_are_to_the_line_at_a_right_angle() -> None:
+def test_near_means_a_right_angle_to_either_line_within_the_band() -> None:
     # a sideways step: the line of (x, y) is the row y
     step = Camera(INTRINSICS, np.eye(3), np.array([-1.0, 0, 0]))
     matrix = guided_matching.essential(Camera(INTRINSICS, np.eye(3), np.zeros(3)), step)
-    distances = guided_matching.line_distances(
-        matrix, np.array([[0.3, 0.1], [0, 0]]), np.array([[-0.2, 0.1], [0.5, 0.13]])
-    )
-    assert np.allclose(distances, [[0, 0.03], [0.1, 0.13]])
+    first, second = np.array([[0.3, 0.1], [0, 0]]), np.array([[-0.2, 0.1], [0.5, 0.13]])
+    lines = guided_matching.epipolar_lines(matrix, first)
+    assert np.allclose(np.abs(lines @ homogeneous(second).T), [[0, 0.03], [0.1, 0.13]])
+    for bands, expected in (
+        ((0.02, 0.2), [[True, False], [False, False]]),
+        ((0.2, 0.05), [[True, True], [False, False]]),
+        ((0.2, 0.11), [[True, True], [True, False]]),
+    ):
+        near = guided_matching.near_lines(matrix, first, second, bands)
+        assert near(slice(0, 2)).tolist() == expected
+        assert near(slice(1, 2)).tolist() == expected[1:]
 
 
 def test_repeated_structures_match_near_their_lines_only() -> None:

@@ -13,6 +13,7 @@ def agree(place: Place, name: str, prepared: Artifact, scene: Artifact) -> Artif
         name="agree",
         title=f"agree {name}",
         operation="tasks.agree:operate",
+        imports=("mattgs_ops.object_masks.cross_view",),
         parameters={},
         inputs={"capture": prepared.digest, "scene": scene.digest},
         arguments={"capture": str(place.folder(prepared)), "scene": str(place.folder(scene))},

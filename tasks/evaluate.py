@@ -21,6 +21,7 @@ def evaluate(
         name="evaluate",
         title=f"evaluate {cell}",
         operation="tasks.evaluate:operate",
+        imports=("mattgs_ops.score.evaluate",),
         parameters=settings,
         inputs={"scene": scene.digest, "splats": splats.digest},
         arguments=settings

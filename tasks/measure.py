@@ -39,6 +39,7 @@ def measure(
         name="measure",
         title=f"measure {name}",
         operation="tasks.measure:operate",
+        imports=("mattgs_ops.score.evaluate",),
         parameters={"resolution": config.resolution},
         inputs=inputs,
         arguments={"jobs": jobs, "resolution": config.resolution},

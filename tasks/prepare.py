@@ -19,6 +19,7 @@ def prepare(place: Place, capture: CaptureConfig, config: BenchmarkConfig) -> Ar
         name="prepare",
         title=f"prepare {capture.name}",
         operation="tasks.prepare:operate",
+        imports=("mattgs_ops.capture.prepare",),
         parameters={
             "name": capture.name,
             "kind": capture.kind,

@@ -16,7 +16,7 @@ def segment(place: Place, name: str, prepared: Artifact, config: SegmentConfig) 
     stage = Stage(
         name="segment",
         title=f"segment {name}",
-        operation="tasks.segment:operate",
+        operation="tasks.segment:operate",  # in a fresh process: ONNX Runtime starts threads
         parameters=config.model_dump(mode="json", exclude={"model"}),
         inputs={
             "capture": prepared.digest,

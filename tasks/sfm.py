@@ -17,6 +17,7 @@ def sfm(
         name="sfm",
         title=f"sfm {name}",
         operation="tasks.sfm:operate",
+        imports=("mattgs_ops.sfm",),
         parameters=config.model_dump(mode="json"),
         inputs={"capture": prepared.digest, "masks": masks.digest},
         arguments={

@@ -33,6 +33,7 @@ def train(place: Place, cell: Cell, scene: Artifact, config: BenchmarkConfig) ->
         name="train",
         title=training_title(cell),
         operation="tasks.train:operate",
+        imports=("mattgs_ops.splat.training.train",),
         parameters=settings | {"train": kept},
         inputs={"scene": scene.digest},
         arguments=settings | {"scene": str(place.folder(scene)), "name": condition.method},

@@ -4,7 +4,8 @@ A segmentation fault, an out-of-memory kill or an endless loop inside native cod
 not the worker: the parent gets a :class:`StageError` that says what happened and where the log is.
 
 The parent calls :func:`run`. The child is ``python -m tasks.stages.process JOB.json``, which can be
-typed by hand to repeat a stage exactly. The named operation is ``MODULE:FUNCTION`` and is called as
+typed by hand to repeat a stage exactly, or a fork of a process that has imported what the stage
+needs (``launcher.py``). The named operation is ``MODULE:FUNCTION`` and is called as
 ``function(arguments, out, threads, progress)``. Its standard output and errors go to the log; what
 it reports through ``progress`` goes, throttled, to the job's status file
 (see ``tasks/stages/status.py``).
@@ -25,15 +26,18 @@ import sys
 import time
 import traceback
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from mattgs_ops.errors import InputError, MattgsError, StageError
 from mattgs_ops.progress import Progress
+from tasks.stages import launcher
 from tasks.stages.status import StatusFile
 
 Operation = Callable[[dict[str, Any], Path, int, Progress], None]
+Child = subprocess.Popen[bytes] | launcher.Launched
 
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
 GRACE_SECONDS = 5.0  # between asking a late stage to end and killing it
@@ -44,6 +48,7 @@ THREAD_VARIABLES = (
     "MKL_NUM_THREADS",
     "NUMEXPR_NUM_THREADS",
     "VECLIB_MAXIMUM_THREADS",
+    "OPENCV_FOR_THREADS_NUM",
 )
 
 
@@ -57,7 +62,8 @@ class StageJob:
 
     ``operation`` is ``MODULE:FUNCTION``; ``arguments`` are JSON values; ``out`` is the work folder
     that the operation fills; ``log`` is appended to; ``timeout`` is in seconds; ``status`` names
-    the file that tells progress.
+    the file that tells progress. ``imports`` are modules that the operation will need and that
+    start no threads: with some, the process is forked from one that has them (``launcher.py``).
     """
 
     title: str
@@ -68,6 +74,7 @@ class StageJob:
     status: Path
     threads: int
     timeout: float
+    imports: tuple[str, ...] = ()
 
     def save(self, path: Path) -> None:
         """Write the job as JSON."""
@@ -77,7 +84,8 @@ class StageJob:
     def load(cls, path: Path) -> "StageJob":
         """Read a job written by :meth:`save`."""
         data: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        return cls(**data | {key: Path(data[key]) for key in ("out", "log", "status")})
+        paths = {key: Path(data[key]) for key in ("out", "log", "status")}
+        return cls(**data | paths | {"imports": tuple(data.get("imports", ()))})
 
 
 def run(job: StageJob) -> None:
@@ -91,36 +99,55 @@ def run(job: StageJob) -> None:
     verdict = job.log.with_suffix(".verdict.json")
     verdict.unlink(missing_ok=True)
     job.save(job_file)
-    command = [sys.executable, "-m", "tasks.stages.process", str(job_file), str(os.getpid())]
     with job.log.open("ab") as log:
         log.write(f"--- {time.strftime('%Y-%m-%d %H:%M:%S')} {job.title}\n".encode())
         log.flush()
-        child = subprocess.Popen(
-            command,
-            stdin=subprocess.DEVNULL,
-            stdout=log,
-            stderr=subprocess.STDOUT,
-            env=_environment(job.threads),
-            start_new_session=True,  # its own process group: killed whole, spared Ctrl-C
-        )
-        try:
-            code = child.wait(timeout=job.timeout)
-        except subprocess.TimeoutExpired as error:
-            raise StageError(
-                f"{job.title}: took longer than {job.timeout:g} s and was ended; log: {job.log}"
-            ) from error
-        finally:
-            _end(child)
+        child = _start(job, job_file, log)
+        if isinstance(child, int):
+            code = child
+        else:
+            try:
+                code = child.wait(timeout=job.timeout)
+            except subprocess.TimeoutExpired as error:
+                raise StageError(
+                    f"{job.title}: took longer than {job.timeout:g} s and was ended; log: {job.log}"
+                ) from error
+            finally:
+                _end(child)
     _raise_for(code, verdict, job)
     job_file.unlink(missing_ok=True)
 
 
-def _end(child: "subprocess.Popen[bytes]") -> None:
+def _start(job: StageJob, job_file: Path, log: IO[bytes]) -> Child | int:
+    """Start the job's process: forked where its imports allow that, else a fresh one."""
+    if job.imports:
+        request = {
+            "job": str(job_file),
+            "imports": job.imports,
+            "threads": job.threads,
+            "environment": _environment(job.threads),
+            "path": sys.path,
+            "folder": str(Path.cwd()),
+            "log": str(job.log),
+        }
+        return launcher.launch(request, _environment(threads=1), log)
+    return subprocess.Popen(
+        [sys.executable, "-m", "tasks.stages.process", str(job_file), str(os.getpid())],
+        stdin=subprocess.DEVNULL,
+        stdout=log,
+        stderr=subprocess.STDOUT,
+        env=_environment(job.threads),
+        start_new_session=True,  # its own process group: killed whole, spared Ctrl-C
+    )
+
+
+def _end(child: Child) -> None:
     """End the child's whole process group, politely first."""
     for signal_number, patience in ((signal.SIGTERM, GRACE_SECONDS), (signal.SIGKILL, None)):
         if child.poll() is not None:
             return
-        os.killpg(child.pid, signal_number)
+        with suppress(ProcessLookupError):  # it ended just now
+            os.killpg(child.pid, signal_number)
         try:
             child.wait(timeout=patience)
         except subprocess.TimeoutExpired:

@@ -14,8 +14,6 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import mattgs_ops
-import tasks
 from mattgs_ops.config import RunConfig
 from mattgs_ops.naming import slug
 from mattgs_ops.store import provenance
@@ -23,11 +21,11 @@ from mattgs_ops.store.code_version import STAGES, code_version
 from mattgs_ops.store.keys import stage_key
 from mattgs_ops.store.store import Finished, Slot, Store
 from tasks.stages import process, quiet, travelling
+from tasks.stages.source_times import SourceTimes, source_times
 from tasks.stages.status import StatusFile, read
 
 KEY_LETTERS = 8  # of a key, in names of log files
 WORK_FOLDER = "MATTGS_WORK"  # environment variable of workers that do not see the output folder
-SOURCE_SUFFIXES = {".py", ".cpp", ".h", ".so"}
 
 
 @dataclass(frozen=True)
@@ -115,6 +113,7 @@ class Stage:
 
     ``parameters`` and ``inputs`` (name → digest) make the key, with the code's version;
     ``arguments`` are what ``operation`` (``MODULE:FUNCTION``) is called with, and may hold paths.
+    ``imports``: modules that it needs and that start no threads, see :class:`process.StageJob`;
     ``resumes``: the operation goes on from what an interrupted attempt left in its work folder,
     once the file of this name is there; ``alone``: it waits until nothing else runs on this
     machine.
@@ -126,6 +125,7 @@ class Stage:
     parameters: Mapping[str, Any]
     inputs: Mapping[str, str]
     arguments: Mapping[str, Any]
+    imports: tuple[str, ...] = ()
     resumes: str | None = None
     alone: bool = False
 
@@ -139,7 +139,7 @@ def perform(place: Place, stage: Stage) -> Artifact:
     status = StatusFile(place.status / f"{slug(stage.title)}.json")
     before = read(status.path)
     status.begin(stage.title, stage.name)
-    version = _code_version(stage.name, _source_times())
+    version = _code_version(stage.name, source_times())
     key = stage_key(stage.name, version, stage.parameters, stage.inputs)
     try:
         with place.open_store().stage(key, resume=stage.resumes is not None) as slot:
@@ -167,6 +167,7 @@ def _make(place: Place, stage: Stage, slot: Slot, status: StatusFile) -> Finishe
         status=status.path,
         threads=place.run.threads,
         timeout=place.run.stage_timeout,
+        imports=stage.imports,
     )
     if stage.alone:
         status.progress(0, 0, "waiting for a quiet machine")
@@ -188,18 +189,12 @@ def _copied(place: Place, stage: Stage, slot: Slot) -> AbstractContextManager[No
 
 def code_versions() -> dict[str, str]:
     """Return the digest of the code behind each stage."""
-    times = _source_times()
+    times = source_times()
     return {name: _code_version(name, times) for name in STAGES}
 
 
 @lru_cache(maxsize=32)
-def _code_version(name: str, times: tuple[tuple[str, int], ...]) -> str:
+def _code_version(name: str, times: SourceTimes) -> str:
     """Digest the code behind a stage, its task's included, again when a source was touched."""
     del times
     return code_version(name, f"tasks.{name}")
-
-
-def _source_times() -> tuple[tuple[str, int], ...]:
-    roots = (Path(mattgs_ops.__file__).parent, Path(tasks.__file__).parent)
-    sources = sorted(p for root in roots for p in root.rglob("*") if p.suffix in SOURCE_SUFFIXES)
-    return tuple((str(path), path.stat().st_mtime_ns) for path in sources)

@@ -47,8 +47,9 @@ def endless(arguments, out, threads, progress):
 """
 
 
-@pytest.fixture
-def job(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+@pytest.fixture(params=[(), ("statistics",)], ids=["fresh", "forked"])
+def job(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Return a function that makes jobs, for a process of its own and for a launcher's."""
     (tmp_path / "operations_here.py").write_text(OPERATIONS)
     monkeypatch.syspath_prepend(tmp_path)
 
@@ -62,6 +63,7 @@ def job(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
             status=tmp_path / "status" / "try.json",
             threads=2,
             timeout=timeout,
+            imports=request.param,
         )
 
     return make

@@ -4,12 +4,14 @@
         [--also dino=PATH:MASKS …] [--masks alone,delivered] [--threads 2] [--speed]
 
 Prints a Markdown table, a line for each capture: the network's own masks (``alone``) and those that
-the pipeline delivers (``delivered``: cameras, then the agreement of all views), each with mean IoU,
-the worst view's, and the F1 of the outlines within two pixels; whose masks were believed; and how
-many views carry a flag. ``--sets`` is a folder of captures, as `mattgs captures evaluation` renders
-it; ``--views`` takes that many of each walk, evenly. ``--also NAME=PATH[:MASKS]`` adds a capture
-whose true masks lie beside it, are its alpha, or are in ``MASKS``; without any it has no scores.
-True masks only score. Cameras that come with a capture are kept, bundled ones are estimated.
+the pipeline delivers (``delivered``: cameras, then the agreement of all views). Each has mean IoU
+and the worst view's, F-measure, MAE of the map, F1 of the outlines within 0.75 % of the diagonal
+and within two pixels, how many views carry a flag, and whose masks were believed.
+
+``--sets`` is a folder of captures, as `mattgs captures evaluation` renders it; ``--views`` takes
+that many of each walk, evenly. ``--also NAME=PATH[:MASKS]`` adds a capture whose true masks lie
+beside it, are its alpha, or are in ``MASKS``; without any it has no scores. True masks only score.
+Cameras that come with a capture are kept, bundled ones are estimated.
 
 ``--masks`` also takes ``grabcut`` (the network's masks refined by colour) and ``no-network``.
 ``--speed`` times U²-NetP at 320 × 320 and the bundled network, reading and resizing included.
@@ -45,6 +47,7 @@ MASKS = {
     "grabcut": SegmentConfig(source="u2net", refine="grabcut"),
     "no-network": SegmentConfig(source="grabcut"),
 }
+MEASURES = ("iou", "worst_iou", "f_measure", "mae", "boundary_f")
 OUTLINE = 2  # pixels that an outline may be off
 
 
@@ -151,11 +154,11 @@ def delivered(capture: PreparedCapture, alone: Masks, out: Path, threads: int) -
 
 
 def scores(capture: PreparedCapture, masks: Masks) -> str:
-    """Return the cells of one kind of masks: mean IoU, worst IoU, outlines, flagged views."""
+    """Return the cells of one kind of masks, from the mean IoU to the number of flagged views."""
     flagged = f"{len(masks.report.flagged)} of {len(masks.report.views)}"
     means = masks.report.means()
     if not means:
-        return f"- | - | - | {flagged}"
+        return "- | " * (len(MEASURES) + 1) + flagged
     outlines = []
     for view in capture.views:
         found, true = (
@@ -166,16 +169,17 @@ def scores(capture: PreparedCapture, masks: Masks) -> str:
             outlines.append(
                 boundary_f(np.asarray(found, np.uint8), np.asarray(true, np.uint8), OUTLINE)
             )
-    worst = means["worst_iou"]
-    return f"{means['iou']:.3f} | {worst:.3f} | {np.mean(outlines):.3f} | {flagged}"
+    values = [*(means[key] for key in MEASURES), float(np.mean(outlines))]
+    return " | ".join(f"{value:.3f}" for value in values) + f" | {flagged}"
 
 
 def print_masks(options: argparse.Namespace, kinds: list[str], folder: Path) -> None:
     """Print the table of masks, a line as soon as a capture is done."""
     from mattgs_ops.capture import prepare
 
-    print("| capture | views | masks | mean IoU | worst | outlines, 2 px | flagged | believed |")
-    print("|---|---|---|---|---|---|---|---|", flush=True)
+    columns = ["capture", "views", "masks", "mean IoU", "worst", "F-measure", "MAE", "boundary F"]
+    columns += [f"outlines, {OUTLINE} px", "flagged", "believed"]
+    print("| " + " | ".join(columns) + " |\n" + "|---" * len(columns) + "|", flush=True)
     for config in chosen(options, folder):
         capture = prepare.prepare(config, folder / config.name, test_every=8)
         if capture.masks_are != "none":  # whatever came along is the truth here

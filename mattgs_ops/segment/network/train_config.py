@@ -52,6 +52,7 @@ class RenderedConfig(Frozen):
     objects: int = Field(6, ge=1, description="objects put on each place, one after another")
     views: int = Field(5, ge=1, description="of each object")
     empty: int = Field(12, ge=1, description="views of each place without an object")
+    width: int = Field(224, ge=32, description="pixels; the height is three quarters of it")
     share: float = Field(0.3, gt=0, le=1, description="share of a batch that comes from the views")
     backdrops: float = Field(0.4, ge=0, le=1, description="share of composites painted on them")
     seed: int = Field(1234, ge=0)

@@ -31,7 +31,6 @@ if TYPE_CHECKING:  # Mitsuba is an extra
     from mattgs_ops.synthetic.surroundings.grounds import Ground
     from mattgs_ops.synthetic.tracer import Tracer
 
-WIDTH, HEIGHT = 224, 168
 SAMPLES = 6  # per pixel, the rest of the noise is filtered away
 PLAIN = ("black-cloth", "white-sweep", "wooden-table", "dark-flash")
 LIFT = 0.03  # centimetres that paint on a face floats above it
@@ -72,7 +71,7 @@ def _place(config: RenderedConfig, place: int, out: Path) -> dict[str, Any]:
 
     rng = np.random.default_rng((config.seed, place))
     bank = Bank(config.seed + place)
-    ground = _ground(config, place, rng)
+    ground, size = _ground(config, place, rng), (config.width, config.width * 3 // 4)
     cameras: dict[str, Any] = {}
     for k in range(config.objects + 1):
         stage = Stage({key: list(meshes) for key, meshes in ground.stage.pieces.items()})
@@ -89,12 +88,12 @@ def _place(config: RenderedConfig, place: int, out: Path) -> dict[str, Any]:
             name = f"{place:02d}_{k:02d}_{view:02d}.png"
             pose = _orbit(rng, ground.top, view, count)
             if points is not None:
-                pose = _framed(rng, pose, points)
-            image = _traced(scene, pose, ground, rng)
+                pose = _framed(rng, pose, points, size)
+            image = _traced(scene, pose, ground, size, rng)
             folder = out / ("images" if k else "empty")
             cv2.imwrite(str(folder / name), image[..., ::-1])
             if k:
-                coverage = scene.layers(pose, WIDTH, HEIGHT).coverage
+                coverage = scene.layers(pose, *size).coverage
                 mask = np.rint(coverage * 255).astype(np.uint8)
                 cv2.imwrite(str(out / "masks" / name), mask)
             else:
@@ -128,7 +127,10 @@ def _orbit(rng: np.random.Generator, top: float, view: int, count: int) -> NDArr
 
 
 def _framed(
-    rng: np.random.Generator, pose: NDArray[np.float64], points: NDArray[np.float64]
+    rng: np.random.Generator,
+    pose: NDArray[np.float64],
+    points: NDArray[np.float64],
+    size: tuple[int, int],
 ) -> NDArray[np.float64]:
     """Aim at the object's middle and step nearer or farther until it fills the wanted share."""
     from mattgs_ops.synthetic import cameras
@@ -137,17 +139,21 @@ def _framed(
     back, roll = pose[:3, 2], float(rng.normal(0, 3))
     distance, wanted = 50.0, rng.uniform(*SPAN)
     aim = middle + rng.normal(0, 0.06, 3) * np.ptp(points, axis=0).max()
-    half = np.array([WIDTH, HEIGHT]) / 2
+    half = np.array(size) / 2
     for _ in range(6):  # the share is nearly as 1 / distance: this converges fast
         framed = cameras.look_at(aim + distance * back, aim, roll)
-        pixels, _ = cameras.camera(framed, WIDTH, HEIGHT).project(points)
+        pixels, _ = cameras.camera(framed, *size).project(points)
         share = float((np.abs(pixels - half) / half).max())
         distance = max(NEAREST, distance * float(np.clip(share / wanted, 0.5, 2.0)))
     return framed
 
 
 def _traced(
-    scene: "Tracer", pose: NDArray[np.float64], ground: "Ground", rng: np.random.Generator
+    scene: "Tracer",
+    pose: NDArray[np.float64],
+    ground: "Ground",
+    size: tuple[int, int],
+    rng: np.random.Generator,
 ) -> NDArray[np.uint8]:
     """Trace a view as the captures are; [H, W, 3] uint8 RGB."""
     from mattgs_ops.synthetic.render import EXPOSURE, photograph
@@ -157,7 +163,7 @@ def _traced(
         scene.move_lamp(FLASH, pose[:3, 3] + rng.uniform(3, 9) * pose[:3, 1])
     exposure = EXPOSURE * float(np.exp(ground.spread * rng.normal()))
     seed = int(rng.integers(1 << 30))
-    return photograph(scene, pose, WIDTH, HEIGHT, SAMPLES, seed, exposure)
+    return photograph(scene, pose, *size, SAMPLES, seed, exposure)
 
 
 def _put(

@@ -122,6 +122,11 @@ class TrainConfig(Frozen):
     opacity_reset_every: int = Field(3000, ge=1)
     max_splats: int = Field(300_000, ge=100, description="no more are started from or added")
     background: Literal["white", "black", "random"] = "white"
+    exposure: Literal["auto", "affine", "off"] = Field(
+        "auto",
+        description="affine: each training photo has an affine change of colour of its own, found "
+        "with the splats; auto: for a user's captures, not for bundled ones",
+    )
     checkpoint_every: int = Field(1000, ge=0, description="0: never")
 
 
@@ -209,6 +214,13 @@ class BenchmarkConfig(Frozen):
         for text in self.conditions:
             self.method(Condition.parse(text).method)
         return self
+
+    def train_settings(self, capture: str) -> TrainConfig:
+        """Return the training's settings for a capture, with nothing left to choose."""
+        if self.train.exposure != "auto":
+            return self.train
+        own = next(c for c in self.captures if c.name == capture).path is not None
+        return self.train.model_copy(update={"exposure": "affine" if own else "off"})
 
     def method(self, name: str) -> MethodConfig:
         """Return the settings of a method; raises ValueError naming the known ones."""

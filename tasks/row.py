@@ -52,6 +52,7 @@ def settings(config: BenchmarkConfig, cell: Cell) -> dict[str, Any]:
     values = config.model_dump(
         mode="json", include={"iterations", "resolution", "test_every", "segment", "sfm", "train"}
     )
+    values["train"]["exposure"] = config.train_settings(cell.capture).exposure
     values["segment"]["model"] = "bundled" if model is None else file_digest(model)
     return {
         "capture": cell.capture,

@@ -20,15 +20,16 @@ def train(place: Place, cell: Cell, scene: Artifact, config: BenchmarkConfig) ->
     the shared store.
     """
     condition = Condition.parse(cell.condition)
+    training = config.train_settings(cell.capture)
     settings = {
         "background": condition.background,
         "method": config.method(condition.method).model_dump(mode="json"),
-        "train": config.train.model_dump(mode="json"),
+        "train": training.model_dump(mode="json"),
         "iterations": config.iterations,
         "resolution": config.resolution,
         "seed": cell.seed,
     }
-    kept = config.train.model_dump(mode="json", exclude=set(NO_RESULT))
+    kept = training.model_dump(mode="json", exclude=set(NO_RESULT))
     stage = Stage(
         name="train",
         title=training_title(cell),

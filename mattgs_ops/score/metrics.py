@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from skimage.metrics import structural_similarity
 
 from mattgs_ops.errors import InputError
+from mattgs_ops.score.colour_correction import colour_corrected
 
 Image = NDArray[np.floating]
 MaskArray = NDArray[np.bool_]
@@ -57,6 +58,15 @@ _IMAGE = (
     Metric("mask_psnr", "PSNR in mask", +1, "dB", 2, "PSNR over the object's pixels"),
     Metric("mask_ssim", "SSIM in mask", +1, "", 3, "SSIM's map averaged inside the eroded mask"),
     Metric("mask_l1", "L1 in mask", -1, "", 4, "mean absolute difference over the object's pixels"),
+    Metric("cc_psnr", "PSNR colour-corrected", +1, "dB", 2, "PSNR after an affine fit of colour"),
+    Metric(
+        "mask_cc_psnr",
+        "PSNR in mask colour-corrected",
+        +1,
+        "dB",
+        2,
+        "PSNR over the object's pixels after an affine fit of colour over them",
+    ),
     Metric("detail_psnr", "PSNR small parts", +1, "dB", 2, "PSNR over screws, wires and print"),
     Metric("detail_ssim", "SSIM small parts", +1, "", 3, "SSIM's map averaged over those pixels"),
 )
@@ -187,6 +197,8 @@ def score_view(
         "mask_psnr": None,
         "mask_ssim": None,
         "mask_l1": None,
+        "cc_psnr": psnr(colour_corrected(image, truth), truth),
+        "mask_cc_psnr": None,
         "detail_psnr": None,
         "detail_ssim": None,
     }
@@ -195,6 +207,7 @@ def score_view(
         scores["mask_psnr"] = mask_psnr(image, truth, mask)
         scores["mask_ssim"] = float(inside.mean()) if inside.size else None
         scores["mask_l1"] = mask_l1(image, truth, mask)
+        scores["mask_cc_psnr"] = mask_psnr(colour_corrected(image, truth, mask), truth, mask)
     if details is not None:
         small = details if mask is None else details & mask
         scores["detail_psnr"] = mask_psnr(image, truth, small)

@@ -64,3 +64,9 @@ def photometric_loss(
     )
     loss = (1 - ssim_lambda) * weighted + ssim_lambda * (1 - weighted_ssim)
     return PhotometricLoss(loss, weighted, ssim, grad, plain)
+
+
+def psnr(image: Tensor, target: Tensor) -> float:
+    """Return the peak signal-to-noise ratio in dB of two images in [0, 1], at most 100."""
+    mse = float((image - target).square().mean())
+    return -10 * math.log10(max(mse, 1e-10))

@@ -43,6 +43,8 @@ PAPER = (
 )
 IN_MASK = (
     Column("mask_psnr", "PSNR in mask", +1, "db"),
+    Column("mask_cc_psnr", "PSNR in mask, colour-corrected", +1, "db"),
+    Column("cc_psnr", "PSNR, colour-corrected", +1, "db"),
     Column("mask_ssim", "SSIM in mask", +1, "ssim"),
     Column("mask_l1", "L1 in mask", -1, "l1"),
     Column("detail_psnr", "PSNR small parts", +1, "db"),

@@ -21,6 +21,7 @@ KEPT = {
         CURVE_FILE: "",
         "start.npz": "",
         "pruned.npz": "",
+        "exposures.json": "",
     },
     "evaluate": {
         "evaluation.json": "",

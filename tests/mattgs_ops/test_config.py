@@ -88,3 +88,15 @@ def test_a_method_of_ones_own_is_a_row_not_a_code_path() -> None:
 @pytest.mark.parametrize("text", PAPER_CONDITIONS)
 def test_a_condition_reads_back_as_it_is_written(text: str) -> None:
     assert str(Condition.parse(text)) == text
+
+
+def test_photos_have_exposures_of_their_own_in_a_users_captures_only(tmp_path: Path) -> None:
+    captures = (CaptureConfig(name="rover"), CaptureConfig(name="mine", path=tmp_path))
+    config = BenchmarkConfig(captures=captures)
+    assert config.train_settings("rover").exposure == "off"
+    assert config.train_settings("mine").exposure == "affine"
+    for choice in ("off", "affine"):
+        asked = BenchmarkConfig.model_validate(
+            {"captures": [c.model_dump() for c in captures], "train": {"exposure": choice}}
+        )
+        assert {asked.train_settings(n).exposure for n in ("rover", "mine")} == {choice}

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from mattgs_ops.errors import StageError
+from mattgs_ops.splat.exposure import Exposures
 from mattgs_ops.splat.gaussians import Splats
 from mattgs_ops.splat.training.densify import Record
 from mattgs_ops.splat.training.optimise import FIELDS, Adam
@@ -47,6 +48,7 @@ class TrainingState:
     cpu_seconds: float = 0.0
     # what the method removed: positions and the step, [K, 4]
     pruned: Tensor = field(default_factory=lambda: torch.zeros(0, 4))
+    exposures: Exposures | None = None  # where photos have an exposure of their own
 
     @classmethod
     def start(cls, splats: Splats, seed: int) -> "TrainingState":
@@ -83,6 +85,7 @@ def save(state: TrainingState, folder: Path, key: str) -> None:
         "counters": state.counters,
         "wall_seconds": state.wall_seconds,
         "cpu_seconds": state.cpu_seconds,
+        "exposure_iterations": state.exposures and state.exposures.iterations,
     }
     arrays["meta"] = np.array(json.dumps(meta))
     partial = folder / f"{FILE}.part"
@@ -121,6 +124,9 @@ def load(folder: Path, key: str) -> TrainingState | None:
         pruned=torch.from_numpy(arrays["pruned"]),
     )
     state.adam.steps = meta["adam_steps"]
+    if "exposures.matrices" in arrays:
+        views = len(arrays["exposures.matrices"])
+        state.exposures = Exposures.identity(views, meta["exposure_iterations"])
     for name, tensor in _tensors(state).items():
         tensor.copy_(torch.from_numpy(arrays[name]))
     return state
@@ -130,7 +136,10 @@ def _tensors(state: TrainingState) -> dict[str, Tensor]:
     named = {f"splats.{name}": getattr(state.splats, name) for name in FIELDS}
     named |= {f"first.{name}": state.adam.first[name] for name in FIELDS}
     named |= {f"second.{name}": state.adam.second[name] for name in FIELDS}
-    return named | {f"record.{f.name}": getattr(state.record, f.name) for f in fields(Record)}
+    named |= {f"record.{f.name}": getattr(state.record, f.name) for f in fields(Record)}
+    if state.exposures is not None:
+        named |= {f"exposures.{name}": t for name, t in state.exposures.tensors().items()}
+    return named
 
 
 def _stream(state: dict[str, Any]) -> np.random.Generator:

@@ -2,10 +2,10 @@
 
 The folder holds ``splats.ply``, ``training.json`` (:mod:`report`), ``curve.csv`` (:mod:`curve`),
 ``start.npz`` where the method chose among the starting points, ``pruned.npz`` where it removed
-splats later and, while it runs,
-``checkpoint.npz``; a killed run goes on from there by itself, and one that was killed after its end
-is found finished. Training reads the registered training views and the sparse points, nothing of
-the test views.
+splats later, ``exposures.json`` (:mod:`mattgs_ops.splat.exposure`) where photos have an exposure of
+their own and, while it runs, ``checkpoint.npz``; a killed run goes on from there by itself, and one
+that was killed after its end is found finished. Training reads the registered training views and
+the sparse points, nothing of the test views.
 """
 
 from collections.abc import Iterator
@@ -22,6 +22,7 @@ from mattgs_ops.config import Condition, TrainConfig
 from mattgs_ops.errors import InputError, StageError
 from mattgs_ops.method import MethodConfig
 from mattgs_ops.progress import Progress, no_progress
+from mattgs_ops.splat.exposure import Exposures
 from mattgs_ops.splat.files.ply import read_ply, write_ply
 from mattgs_ops.splat.gaussians import Splats
 from mattgs_ops.splat.photos import background_colour, store_views
@@ -178,6 +179,8 @@ def train(
             digest=digest,
         )
         write_ply(state.splats, out / PLY)
+        if state.exposures is not None:
+            state.exposures.save([view.name for view in trainer.views], out)
         if len(state.pruned):
             removed = state.pruned.numpy()
             np.savez(out / PRUNED, xyz=removed[:, :3], step=removed[:, 3].astype(np.int32))
@@ -218,6 +221,8 @@ def _first_state(
     chosen = points.keep(kept)
     seconds = seconds_since(began)
     state = TrainingState.start(initial_splats(chosen), seed)
+    if trainer.config.exposure == "affine":
+        state.exposures = Exposures.identity(len(trainer.views), trainer.schedule.iterations)
     # scoring the points is part of the method, so it is part of its time
     state.wall_seconds, state.cpu_seconds = seconds
     state.counters["starting_splats"] = len(chosen.xyz)

@@ -6,7 +6,7 @@ are reset when that is due.
 
 MATT-GS's pruning acts where splats are added and removed: those with opacity below
 ``prune_opacity`` **and** an attention score below ``prune_attention`` go, unless opacities were
-reset less than half an interval ago (see :class:`~mattgs_ops.splat.training.schedule.Schedule`).
+reset less than half an interval ago (:mod:`~mattgs_ops.splat.training.schedule`).
 """
 
 import math
@@ -36,7 +36,7 @@ from mattgs_ops.splat.photos import (
     unit_range,
 )
 from mattgs_ops.splat.rasterize import Rendering, Seen, render
-from mattgs_ops.splat.ssim import photometric_loss
+from mattgs_ops.splat.ssim import photometric_loss, psnr
 from mattgs_ops.splat.training.checkpoint import TrainingState
 from mattgs_ops.splat.training.densify import (
     Record,
@@ -57,13 +57,13 @@ class StepResult:
     loss: float  # as optimised
     l1: float  # plain mean absolute difference
     ssim: float
-    image: Tensor  # [H, W, 3] the rendering
+    image: Tensor  # [H, W, 3] the rendering, with the photo's exposure where it has one
     target: Tensor  # [H, W, 3]
 
     @property
     def psnr(self) -> float:
         """Peak signal-to-noise ratio in dB of the unrounded rendering."""
-        return _psnr(self.image, self.target)
+        return psnr(self.image, self.target)
 
 
 class Trainer:
@@ -108,9 +108,7 @@ class Trainer:
 
         Every point starts with the same opacity, so attention alone decides here.
         """
-        maps = [self.attention(i).numpy() for i in range(len(self.views))]
-        scores, _ = point_scores(points.xyz, [view.camera for view in self.views], maps)
-        chosen = scores >= self.method.prune_attention
+        chosen = self._scores_at(points.xyz) >= self.method.prune_attention
         return chosen if int(chosen.sum()) >= fewest else np.ones_like(chosen)
 
     def step(self, state: TrainingState) -> StepResult:
@@ -128,8 +126,11 @@ class Trainer:
             threads=self.threads,
             memory=self._memory,
         )
+        shown, exposures = rendering.image, state.exposures
+        if exposures is not None:
+            shown = exposures.apply(index, rendering, colour)
         loss = photometric_loss(
-            rendering.image,
+            shown,
             target,
             ssim_lambda=self.config.ssim_lambda,
             weight=self.weights(index),
@@ -141,8 +142,12 @@ class Trainer:
         total = loss.loss + alpha
         if not math.isfinite(total):
             raise StageError(f"step {step}, view {view.name}: the loss is {total}")
+        grad = loss.grad
+        if exposures is not None:
+            through = exposures.descend(index, rendering, colour, grad, step)
+            grad, grad_alpha = through.image, through.with_alpha(grad_alpha)
         try:
-            seen = self._descend(state, index, rendering, loss.grad, grad_alpha)
+            seen = self._descend(state, index, rendering, grad, grad_alpha)
         except StageError as error:
             raise StageError(f"step {step}: {error}") from error
         if self.schedule.observes(step):
@@ -152,7 +157,7 @@ class Trainer:
         if self.schedule.resets(step):
             reset_opacity(state.splats, state.adam)
         state.step = step
-        return StepResult(total, loss.plain_l1, loss.ssim, rendering.image, target)
+        return StepResult(total, loss.plain_l1, loss.ssim, shown, target)
 
     def _descend(
         self,
@@ -218,7 +223,7 @@ class Trainer:
         """Return PSNR in dB of the middle view, over the colour that splats are shown on."""
         view, colour = self.views[len(self.views) // 2], background_colour(self.config)
         image = render(splats, view.camera, colour, threads=self.threads).image
-        return _psnr(image, self.target(view, colour))
+        return psnr(image, self.target(view, colour))
 
     def _next_view(self, state: TrainingState) -> int:
         if not state.order:
@@ -269,7 +274,8 @@ class Trainer:
         if self.method.prune == "blend":
             scores = state.record.blend_scores()[index]
         else:
-            scores = torch.from_numpy(self._pixel_scores(state.splats, index))
+            means = state.splats.means[index].numpy().astype(np.float64)
+            scores = torch.from_numpy(self._scores_at(means))
         removed = torch.zeros_like(faint)
         removed[index[scores < self.method.prune_attention]] = True
         self._remove(state, removed, "removed_unattended")
@@ -288,12 +294,6 @@ class Trainer:
         state.splats = prune(state.splats, state.adam, removed)
         state.record = state.record.keep(torch.nonzero(~removed)[:, 0])
 
-    def _pixel_scores(self, splats: Splats, index: Tensor) -> Floats:
-        points = splats.means[index].numpy().astype(np.float64)
+    def _scores_at(self, points: NDArray[np.float64]) -> Floats:
         maps = [self.attention(i).numpy() for i in range(len(self.views))]
         return point_scores(points, [view.camera for view in self.views], maps)[0]
-
-
-def _psnr(image: Tensor, target: Tensor) -> float:
-    mse = float((image - target).square().mean())
-    return -10 * math.log10(max(mse, 1e-10))

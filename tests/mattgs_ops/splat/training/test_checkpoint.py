@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from mattgs_ops.errors import StageError
+from mattgs_ops.splat.exposure import Exposures
 from mattgs_ops.splat.gaussians import Splats
 from mattgs_ops.splat.training import checkpoint
 from mattgs_ops.splat.training.checkpoint import TrainingState
@@ -52,6 +53,19 @@ def test_everything_comes_back_to_the_bit(state: TrainingState, tmp_path: Path) 
     for name, rng in found.streams.items():
         assert rng.random(9).tolist() == state.streams[name].random(9).tolist()
     assert [path.name for path in tmp_path.iterdir()] == ["checkpoint.npz"]
+
+
+def test_exposures_come_back_where_there_are_some(state: TrainingState, tmp_path: Path) -> None:
+    state.exposures = Exposures.identity(3, 500)
+    for tensor in state.exposures.tensors().values():
+        tensor.uniform_(generator=torch.Generator().manual_seed(2))
+    checkpoint.save(state, tmp_path, "key")
+    found = checkpoint.load(tmp_path, "key")
+    assert found is not None
+    assert found.exposures is not None
+    assert found.exposures.iterations == 500
+    for name, tensor in state.exposures.tensors().items():
+        assert torch.equal(found.exposures.tensors()[name], tensor)
 
 
 def test_the_streams_of_one_seed_differ_from_each_other(make_splats: MakeSplats) -> None:

@@ -61,13 +61,13 @@ def sentence(one: Status) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Write seconds as people do: ``8s``, ``2m 05s``, ``3h 07m``."""
-    whole = round(seconds)
-    if whole < 60:
-        return f"{whole}s"
-    if whole < 3600:
-        return f"{whole // 60}m {whole % 60:02d}s"
-    return f"{whole // 3600}h {whole % 3600 // 60:02d}m"
+    """Write seconds as ``8s``, ``2m 05s`` or ``3h 07m``: ``humanize`` has no form that short."""
+    total = round(seconds)
+    if total < 60:
+        return f"{total}s"
+    if total < 3600:
+        return f"{total // 60}m {total % 60:02d}s"
+    return f"{total // 3600}h {total % 3600 // 60:02d}m"
 
 
 def stage_times(stages: list[Status], seconds: float) -> str:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from plyfile import PlyData, PlyElement
 
 from mattgs_ops.capture.camera import Camera
 from mattgs_ops.capture.formats.colmap_cameras import ColmapCamera
@@ -110,10 +111,12 @@ def on_object(points: SparsePoints, share: float = OBJECT_SHARE) -> SparsePoints
 
 def write_ply(points: SparsePoints, path: Path) -> None:
     """Write points as a binary PLY with positions, colours and the share of object votes."""
-    layout = [("xyz", "<f4", 3), ("rgb", "u1", 3), ("object_share", "<f4")]
+    layout = [(name, "<f4") for name in "xyz"]
+    layout += [(name, "u1") for name in ("red", "green", "blue")] + [("object_share", "<f4")]
     rows = np.zeros(len(points.xyz), dtype=layout)
-    rows["xyz"], rows["rgb"], rows["object_share"] = points.xyz, points.rgb, points.object_share
-    names = [f"float {n}" for n in "xyz"] + [f"uchar {n}" for n in ("red", "green", "blue")]
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(rows)}"]
-    header += [f"property {name}" for name in [*names, "float object_share"]] + ["end_header", ""]
-    path.write_bytes("\n".join(header).encode() + rows.tobytes())
+    for index, axis in enumerate("xyz"):
+        rows[axis] = points.xyz[:, index]
+    for index, channel in enumerate(("red", "green", "blue")):
+        rows[channel] = points.rgb[:, index]
+    rows["object_share"] = points.object_share
+    PlyData([PlyElement.describe(rows, "vertex")], byte_order="<").write(str(path))

@@ -11,12 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from skimage.transform import SimilarityTransform
 
 from mattgs_ops.capture.camera import Camera
 from mattgs_ops.errors import InputError
 
 Array = NDArray[np.float64]
 LEAST_POINTS = 3  # a similarity in space is fixed by three points that are not on one line
+ON_A_LINE = 1e-6  # ratio of the second to the first singular value: rounding of float32 poses
 
 
 @dataclass(frozen=True)
@@ -60,15 +62,13 @@ def similarity(source: Array, target: Array) -> Similarity:
             f"alignment: expected two equal lists of at least {LEAST_POINTS} points, found "
             f"{len(source)} and {len(target)}"
         )
-    centre_a, centre_b = source.mean(axis=0), target.mean(axis=0)
-    a, b = source - centre_a, target - centre_b
-    u, singular, vt = np.linalg.svd(b.T @ a / len(a))
-    if singular[1] <= 1e-12 * max(singular[0], 1e-300):
-        raise InputError("alignment: expected points that are not all on one line")
-    signs = np.array([1.0, 1.0, np.sign(np.linalg.det(u) * np.linalg.det(vt))])
-    rotation = u @ np.diag(signs) @ vt
-    scale = float((singular * signs).sum() / (a**2).sum(axis=1).mean())
-    return Similarity(scale, rotation, centre_b - scale * rotation @ centre_a)
+    for points in (source, target):
+        spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+        if spread[1] <= ON_A_LINE * max(spread[0], np.finfo(np.float64).tiny):
+            raise InputError("alignment: expected points that are not all on one line")
+    found = SimilarityTransform.from_estimate(source, target)
+    scale = float(found.scale)
+    return Similarity(scale, found.params[:3, :3] / scale, found.params[:3, 3])
 
 
 def pose_error(estimated: Mapping[str, Camera], truth: Mapping[str, Camera]) -> PoseError:

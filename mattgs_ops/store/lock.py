@@ -1,6 +1,7 @@
 """Kernel locks on files, whose dates say when they were last asked for.
 
-A killed owner frees its lock. Whoever tidies up may remove a lock's file while holding it.
+A killed owner frees its lock. Whoever tidies up may remove a lock's file while holding it. Not
+``filelock``: it removes the file on release, and with it the date, and it polls instead of waiting.
 """
 
 import fcntl

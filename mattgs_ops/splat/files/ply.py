@@ -7,14 +7,17 @@ One ``vertex`` element, binary little endian, every property a 32-bit float, in 
 Normals are zero. ``f_rest`` is channel-major: 15 coefficients of red, then green, then blue.
 ``opacity`` is the logit, ``scale`` the natural logarithm, ``rot`` the quaternion w x y z, not
 necessarily of unit length. Reading also takes files of other trainers that hold the same
-properties in another order, lower SH degrees, no normals, or comments; anything else is refused.
+properties in another order, number type or byte order, lower SH degrees, no normals, or comments;
+anything else is refused.
 """
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from plyfile import PlyData, PlyElement, PlyParseError
 
 from mattgs_ops.errors import InputError
 from mattgs_ops.splat.gaussians import SH_REST, Splats
@@ -28,18 +31,13 @@ PROPERTIES = (
     *(f"rot_{i}" for i in range(4)),
 )
 REQUIRED = tuple(p for p in PROPERTIES if not p.startswith(("n", "f_rest_")))
+TEXT_START = b"ply\nformat ascii"
 REST_COUNTS = {0: 0, 9: 3, 24: 8, 45: 15}  # stored f_rest values → coefficients per channel
-FLOAT_NAMES = ("float", "float32")
-HEADER_LIMIT = 65_536  # bytes; a header that is longer than this is no header of ours
-SKIPPED = ("comment", "obj_info")
 
 
 def write_ply(splats: Splats, path: Path) -> None:
     """Write ``splats`` to ``path``; the file appears whole or not at all."""
     count = splats.means.shape[0]
-    lines = ["ply", "format binary_little_endian 1.0", f"element vertex {count}"]
-    lines += [f"property float {name}" for name in PROPERTIES]
-    header = "\n".join([*lines, "end_header", ""]).encode("ascii")
     rest = splats.sh_rest.transpose(1, 2).reshape(count, 3 * SH_REST)  # [N, 3, 15] → channel-major
     columns = [
         splats.means,
@@ -51,10 +49,9 @@ def write_ply(splats: Splats, path: Path) -> None:
         splats.quaternions,
     ]
     table = torch.cat([c.detach() for c in columns], dim=1).numpy().astype("<f4", copy=False)
+    vertices = np.ascontiguousarray(table).view([(name, "<f4") for name in PROPERTIES])[:, 0]
     partial = path.with_name(path.name + ".part")
-    with partial.open("wb") as file:
-        file.write(header)
-        file.write(table.tobytes())
+    PlyData([PlyElement.describe(vertices, "vertex")], byte_order="<").write(str(partial))
     partial.replace(path)
 
 
@@ -63,21 +60,12 @@ def read_ply(path: Path) -> Splats:
 
     Raises :class:`InputError` naming the file, what was expected and what was found.
     """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: expected a readable PLY file: {error}") from error
-    count, names, offset = _parse_header(data, path)
-    expected = count * len(names) * 4
-    if len(data) - offset != expected:
-        raise InputError(
-            f"{path}: expected {expected} bytes of vertices after the header "
-            f"({count} x {len(names)} floats), found {len(data) - offset}"
-        )
-    table = np.frombuffer(data, dtype="<f4", offset=offset).reshape(count, len(names))
-    column = {name: table[:, i] for i, name in enumerate(names)}
+    vertices = _vertices(path)
+    names = list(vertices.dtype.names or ())
+    _check_names(names, path)
+    column = {name: np.asarray(vertices[name], dtype=np.float32) for name in names}
     per_channel = REST_COUNTS[sum(name.startswith("f_rest_") for name in names)]
-    rest = np.zeros((count, SH_REST, 3), dtype=np.float32)
+    rest = np.zeros((len(vertices), SH_REST, 3), dtype=np.float32)
     for channel in range(3):
         for k in range(per_channel):
             rest[:, k, channel] = column[f"f_rest_{channel * per_channel + k}"]
@@ -92,6 +80,29 @@ def read_ply(path: Path) -> Splats:
     return Splats(**{field: _tensor(array, field, path) for field, array in arrays.items()})
 
 
+def _vertices(path: Path) -> NDArray[Any]:
+    """Return the rows of the element ``vertex`` as a structured array."""
+    try:
+        with path.open("rb") as file:
+            if file.read(len(TEXT_START)) == TEXT_START:
+                raise InputError(f"{path}: expected a binary PLY file, found one in ascii")
+            file.seek(0)
+            vertices: NDArray[Any] = PlyData.read(file)["vertex"].data
+            left = len(file.read())
+    # numpy's own errors come from sizes in the header that the file cannot hold
+    except (PlyParseError, OSError, KeyError, ValueError, OverflowError, MemoryError) as error:
+        raise InputError(f"{path}: expected a PLY file with splats: {error}") from error
+    if left:
+        raise InputError(
+            f"{path}: expected the file to end with its last element, {left} bytes left"
+        )
+    names = vertices.dtype.names or ()
+    wrong = [name for name in names if vertices.dtype[name].kind not in "fiu"]
+    if wrong:
+        raise InputError(f"{path}: expected one number a property, found a list in `{wrong[0]}`")
+    return vertices
+
+
 def _tensor(array: NDArray[np.float32], field: str, path: Path) -> torch.Tensor:
     bad = ~np.isfinite(array).all(axis=tuple(range(1, array.ndim)))
     if bad.any():
@@ -100,27 +111,6 @@ def _tensor(array: NDArray[np.float32], field: str, path: Path) -> torch.Tensor:
             f"{int(np.argmax(bad))}"
         )
     return torch.from_numpy(np.array(array, dtype=np.float32, order="C"))
-
-
-def _parse_header(data: bytes, path: Path) -> tuple[int, list[str], int]:
-    """Return (vertices, property names, offset of the first vertex)."""
-    end = data.find(b"end_header\n", 0, HEADER_LIMIT)
-    if not data.startswith(b"ply\n") or end < 0:
-        raise InputError(f"{path}: expected a PLY file with splats, found {data[:16]!r}…")
-    lines = data[:end].decode("ascii", errors="replace").splitlines()[1:]
-    words = [line.split() for line in lines if line.split() and line.split()[0] not in SKIPPED]
-    if not words or words[0] != ["format", "binary_little_endian", "1.0"]:
-        found = " ".join(words[0]) if words else "nothing"
-        raise InputError(f"{path}: expected `format binary_little_endian 1.0`, found `{found}`")
-    if len(words) < 2 or words[1][:2] != ["element", "vertex"] or not words[1][-1].isdigit():
-        found = " ".join(words[1]) if len(words) > 1 else "nothing"
-        raise InputError(f"{path}: expected `element vertex COUNT` first, found `{found}`")
-    for line in words[2:]:
-        if len(line) != 3 or line[0] != "property" or line[1] not in FLOAT_NAMES:
-            raise InputError(f"{path}: expected `property float NAME`, found `{' '.join(line)}`")
-    names = [line[2] for line in words[2:]]
-    _check_names(names, path)
-    return int(words[1][2]), names, end + len(b"end_header\n")
 
 
 def _check_names(names: list[str], path: Path) -> None:

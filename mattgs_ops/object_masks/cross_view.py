@@ -30,6 +30,7 @@ from mattgs_ops.errors import StageError
 from mattgs_ops.object_masks import silhouettes, splat_votes
 from mattgs_ops.object_masks.decision import HALF, Decision, decide
 from mattgs_ops.object_masks.ground_plane import Plane
+from mattgs_ops.object_masks.photo_edges import to_photo_edges
 from mattgs_ops.object_masks.surfaces import train_surfaces
 from mattgs_ops.progress import Progress, no_progress
 from mattgs_ops.segment.mask_report import MaskReport, ViewReport, border_share, flags_of
@@ -108,10 +109,11 @@ def _write(
     truths = {view.name: view.mask for view in capture.views if capture.masks_are == "truth"}
     rows, borders, kept, dropped = [], [], [], []
     overlaps: dict[str, float] = {}
+    voted = {one["name"] for one in decision["views"] if one["masks"] == "votes"}
     for view in scene.views:
         own = read_mask(out / "masks" / mask_name(view.name))
         soft = agreed.get(view.name)
-        mask = None if soft is None else _mask(soft, view)
+        mask = None if soft is None else _mask(soft, view, by_votes=view.name in voted)
         if soft is None or mask is None or not mask.any():
             kept.append(view.name)
             rows.append(old[view.name])
@@ -150,9 +152,11 @@ def _keep(scene: Scene, out: Path, reason: str) -> Scene:
     return kept
 
 
-def _mask(soft: SoftMap, view: View) -> Mask:
+def _mask(soft: SoftMap, view: View, *, by_votes: bool) -> Mask:
+    """Threshold a map at the photo's size; outlines by votes move to the photo's edges."""
     full = cv2.resize(soft, (view.width, view.height), interpolation=cv2.INTER_CUBIC)
-    return clean(threshold(full, HALF))
+    mask = clean(threshold(full, HALF))
+    return clean(to_photo_edges(mask, _read_photo(view))) if by_votes else mask
 
 
 def _camera(view: View, resolution: int) -> Camera:
@@ -171,11 +175,17 @@ def _shrunk(maps: Sequence[SoftMap], cameras: Sequence[Camera]) -> list[SoftMap]
 
 
 def _photo(view: View, camera: Camera) -> NDArray[np.uint8]:
+    """Read a photo [H, W, 3] at a camera's size."""
+    size = camera.intrinsics.width, camera.intrinsics.height
+    small = cv2.resize(_read_photo(view), size, interpolation=cv2.INTER_AREA)
+    return np.asarray(small, dtype=np.uint8)
+
+
+def _read_photo(view: View) -> NDArray[np.uint8]:
     pixels = cv2.imread(str(view.photo), cv2.IMREAD_COLOR)
     if pixels is None:
         raise StageError(f"{view.photo}: expected a readable image")
-    size = camera.intrinsics.width, camera.intrinsics.height
-    return np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    return np.asarray(pixels, dtype=np.uint8)
 
 
 def _read(path: Path) -> SoftMap:

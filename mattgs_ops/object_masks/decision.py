@@ -16,7 +16,7 @@ with weights by how well each was met.
 
 Parts that are attached to the object (``attached_parts``) join where they are few and where the
 photos confirm the outlines that they make. Both are asked of the capture; one view whose voted
-outline its photo does not confirm, while it confirms the map's own, keeps the averaged one.
+outline is denied by its photo, and meets its map worse than silhouettes do, keeps the averaged one.
 """
 
 from collections.abc import Sequence
@@ -108,7 +108,10 @@ def decide(
     joins = attached <= MOST_ATTACHED and confirmed["attached"] >= confirmed["votes"] - UNCONFIRMED
     voted = votes.whole if joins else votes.sure
     doubt = _doubt(met, met_by_votes, confirmed)
-    believed = [_believed(doubt, *view) for view in zip(own, voted, edges, strict=True)]
+    believed = [
+        _believed(doubt, *view)
+        for view in zip(own, voted, edges, by_outline, by_votes, strict=True)
+    ]
     predicted = [
         _resized(soft, mine.shape) for soft, mine in zip(votes.predicted, own, strict=True)
     ]
@@ -129,10 +132,12 @@ def decide(
     return found, maps
 
 
-def _believed(doubt: str, own: SoftMap, voted: SoftMap, edges: Bits) -> Believed:
-    """Say whom one view follows: votes, unless the capture's or this photo's edges deny them."""
-    denied = _on_edge(voted >= HALF, edges) < _on_edge(own >= HALF, edges) - UNCONFIRMED
-    return "maps" if doubt or denied else "votes"
+def _believed(
+    doubt: str, own: SoftMap, voted: SoftMap, edges: Bits, by_outline: float, by_votes: float
+) -> Believed:
+    """Say whom one view follows: votes, unless they are doubted, or edges and map deny them."""
+    unconfirmed = _on_edge(voted >= HALF, edges) < _on_edge(own >= HALF, edges) - UNCONFIRMED
+    return "maps" if doubt or (unconfirmed and by_votes < by_outline) else "votes"
 
 
 def _overlaps(first: Sequence[SoftMap], second: Sequence[SoftMap]) -> list[float]:

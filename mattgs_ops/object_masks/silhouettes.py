@@ -27,6 +27,8 @@ FEWEST_SHARE = 0.5  # of the other views must see a point for it to count
 SHARES = (1.0, 0.9, 0.75, 0.5)  # from none of the maps wrong to half of them
 SURE = 0.5  # from here on a map says object
 FEWEST_SPEAKING = 2
+NEAREST = 0.1  # of the points are nearer to the camera than those whose gaps are closed
+MOST_GAP = 8  # pixels; a camera that is closer sees nothing else
 LARGEST_CONDITION = 1e6  # of the rays' equations: beyond it all views look the same way
 
 Floats = NDArray[np.float64]
@@ -68,14 +70,15 @@ def predict(cameras: Sequence[Camera], maps: Sequence[SoftMap]) -> Silhouettes |
             seen += inside
             said += inside & mask.ravel()[index]
     shares, unwatched = [], []
-    for mask, (index, inside), speaks in zip(own, places, speaking, strict=True):
+    gaps = [_gap(camera, points) for camera in cameras]
+    for mask, (index, inside), speaks, gap in zip(own, places, speaking, gaps, strict=True):
         others = seen - inside if speaks else seen
         yes = said - (inside & mask.ravel()[index]) if speaks else said
         enough = (others >= FEWEST_SHARE * (sum(speaking) - speaks)) & (others > 0)
         share = (yes / np.where(enough, others, 1) * (inside & enough)).astype(np.float32)
-        shares.append(_largest(share, index, mask.shape))
+        shares.append(_largest(share, index, mask.shape, gap))
         unseen = (inside & ~enough).astype(np.float32)
-        unwatched.append(_largest(unseen, index, mask.shape) > 0)
+        unwatched.append(_largest(unseen, index, mask.shape, gap) > 0)
     found = _fitted(shares, own, speaking)
     # where few others look, they deny nothing: the view's own word stands
     predicted = [
@@ -153,9 +156,21 @@ def _pixels(camera: Camera, points: Floats) -> tuple[NDArray[np.int64], NDArray[
     return rows * size.width + columns, inside
 
 
-def _largest(share: SoftMap, index: NDArray[np.int64], shape: tuple[int, ...]) -> SoftMap:
+def _gap(camera: Camera, points: Floats) -> int:
+    """Return how many pixels lie between neighbouring points as a camera sees the nearest ones."""
+    depths = camera.project(points)[1]
+    nearest = float(np.quantile(depths[depths > 0], NEAREST)) if (depths > 0).any() else 1.0
+    pitch = float(np.ptp(points[:, 0])) / GRID
+    return min(MOST_GAP, max(1, int(np.ceil(pitch * camera.intrinsics.fx / nearest))))
+
+
+def _largest(share: SoftMap, index: NDArray[np.int64], shape: tuple[int, ...], gap: int) -> SoftMap:
     """Return the largest share along each pixel's ray [H, W]; gaps between points are closed."""
     image = np.zeros(shape, np.float32)
     np.maximum.at(image.reshape(-1), index, share)
-    closed: SoftMap = cv2.dilate(image, np.ones((3, 3), np.uint8))
+    side = 2 * gap + 1
+    grown = cv2.dilate(image, np.ones((side, side), np.uint8))
+    if gap == 1:
+        return np.asarray(grown, dtype=np.float32)
+    closed: SoftMap = cv2.erode(grown, np.ones((side - 2, side - 2), np.uint8))
     return closed

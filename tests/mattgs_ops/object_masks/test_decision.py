@@ -87,7 +87,8 @@ def test_attached_parts_join_where_they_are_few(pixels: int, kept: bool) -> None
 def test_one_view_whose_voted_outline_its_photo_denies_keeps_its_map() -> None:
     sure = [t.copy() for t in TRUTHS]
     sure[5] = grown(TRUTHS[5], 8)
-    low = Silhouettes([soft * 0 for soft in TRUTHS], [0.0] * VIEWS, 1.0)
+    outlines = [soft * (index == 5) for index, soft in enumerate(TRUTHS)]
+    low = Silhouettes([o.astype(np.float32) for o in outlines], [0.0] * VIEWS, 1.0)
     found, maps = decide(NAMES, photos(), TRUTHS, low, votes(TRUTHS, sure))
     assert found.masks == "votes"
     assert [view.name for view in found.views if view.masks == "maps"] == ["5"]

@@ -104,6 +104,41 @@ def run(
 
 
 @app.command()
+def check(
+    photos: Annotated[
+        Path | None, typer.Argument(help="A folder of photos of one object, from all sides.")
+    ] = None,
+    capture: Annotated[
+        Path | None,
+        typer.Option(
+            help="A COLMAP project, nerfstudio's transforms.json or NeRF's transforms_train.json."
+        ),
+    ] = None,
+    masks: Annotated[
+        Path | None, typer.Option(help="Your own masks for the photos, 255 = object.")
+    ] = None,
+    config: Annotated[
+        Path | None, typer.Option(help="Benchmark as a TOML file, whose settings are to be used.")
+    ] = None,
+    out: Out = DEFAULT_OUT,
+) -> None:
+    """Look at photos and masks before a long run: about a second a photo.
+
+    Prints what is wrong, how many photos will probably get a camera, and what a run will take;
+    writes a sheet of the masks. Exit code 2: there is nothing that a run could work with.
+    """
+    from flows.cli import options
+    from flows.cli.check import check as look
+
+    given = {"photos": photos, "capture": capture, "masks": masks}
+    merged = options.benchmark_config(config, given)
+    if photos is None and capture is None and config is None:
+        raise InputError("check: expected a folder of photos, or --capture")
+    if not look(merged, out.resolve() / "checks" / merged.captures[0].name):
+        raise typer.Exit(EXIT_INPUT)
+
+
+@app.command()
 def report(
     what: Annotated[
         list[str],

@@ -1,6 +1,6 @@
 """Sheets of photos with the outlines of their masks, on which everything after them is built."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import cv2
@@ -41,19 +41,32 @@ def sheet(rows: Sequence[Row], capture: str, root: Path | None, folder: Path) ->
     ]
     if not drawn:
         return None
-    chosen = _chosen(drawn, flags)
+    caption = _caption(scene, min(MOST, len(drawn)), flags, place)
+    return draw(drawn, flags, folder, f"figure-masks-{capture}", caption)
+
+
+def draw(
+    views: Sequence[View],
+    flags: Mapping[str, tuple[str, ...]],
+    folder: Path,
+    slug: str,
+    caption: str,
+    *,
+    all_registered: bool = False,
+) -> Saved:
+    """Draw outlines on photos; ``flags`` by view, and who has no camera, stand above them."""
+    chosen = _chosen(views, flags)
     pictures = [_outlined(view) for view in chosen]
     lanes = min(LANES, len(chosen))
     figure, grid = canvas(-(-len(chosen) // lanes), lanes, pictures[0], block=1)
     places = grid.ravel()
     for axes, view, picture in zip(places, chosen, pictures, strict=False):
         show(axes, picture)
-        flagged = flags.get(view.name, ())
-        title = ", ".join([view.name, *flagged, *(["no camera"] if view.camera is None else [])])
-        axes.set_title(title, fontsize=6, color="#b3261e" if flagged else "black", pad=2)
+        lost = view.camera is None and not all_registered
+        told = [*flags.get(view.name, ()), *(["no camera"] if lost else [])]
+        colour = "#b3261e" if told else "black"
+        axes.set_title(", ".join([view.name, *told]), fontsize=6, color=colour, pad=2)
     clear(places[None, len(chosen) :])
-    slug = f"figure-masks-{capture}"
-    caption = _caption(scene, len(chosen), flags, place)
     return save(figure, folder, slug, caption, pictorial=True)
 
 
@@ -83,7 +96,7 @@ def _flags(place: Path) -> dict[str, tuple[str, ...]]:
     return {view.name: view.flags for view in MaskReport.load(place / "masks.json").views}
 
 
-def _chosen(views: Sequence[View], flags: dict[str, tuple[str, ...]]) -> list[View]:
+def _chosen(views: Sequence[View], flags: Mapping[str, tuple[str, ...]]) -> list[View]:
     """Keep the flagged ones first, then others evenly; in the photos' order."""
     flagged = [view for view in views if flags.get(view.name)][:MOST]
     rest = [view for view in views if view not in flagged]

@@ -1,0 +1,95 @@
+"""``mattgs check``: a look at photos and masks before the long run."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from rich.console import Console
+
+from flows.cli.terminal import bar, duration
+from mattgs_ops.capture.prepare import prepare
+from mattgs_ops.capture.scene import PreparedCapture, View
+from mattgs_ops.config import BenchmarkConfig
+from mattgs_ops.errors import InputError, StageError
+from mattgs_ops.segment.infer import segment
+from mattgs_ops.segment.inspect_photos import Inspected, inspect
+from mattgs_ops.segment.mask_report import MaskReport
+from reports.figures.mask_sheets import draw
+from reports.figures.plots import style
+
+FEWEST_PLACED = 0.5  # of the photos, as `sfm.min_registered`
+# Seconds of a run at its default settings on two cores of 2026, by what they grow with: measured
+# with `make run` (144 photos of 0.3 megapixels, 18 trainings), summed over workers.
+A_PHOTO_AND_MEGAPIXEL = 12.0  # structure-from-motion
+A_PHOTO = 2.5  # segmentation and agreement between views
+A_STEP = 0.038  # of a training at 320 pixels
+A_TRAINING = 17.0  # scores and speed
+WORKERS = 2
+
+
+def check(config: BenchmarkConfig, out: Path) -> bool:
+    """Check the first capture of ``config``; return whether a run has something to work with.
+
+    Prints what is wrong and writes ``out/masks.png``. Raises :class:`InputError` for photos that
+    cannot be used, naming all of them.
+    """
+    capture, console = config.captures[0], Console(soft_wrap=True)
+    with bar(f"check {capture.name}") as progress:
+        prepared = prepare(
+            capture, out / "prepared", test_every=config.test_every, progress=progress
+        )
+        seen = inspect(prepared, progress=progress)
+        try:
+            report = segment(prepared, config.segment, out / "segmented", progress=progress)
+        except StageError as error:
+            raise InputError(str(error)) from error
+    sheet = _sheet(prepared, report, out)
+    good = seen.placed >= FEWEST_PLACED * len(seen.names)
+    for line in _lines(prepared, seen, report, config, sheet, good=good):
+        console.print(line, markup=False, highlight=False)
+    return good
+
+
+def _lines(
+    capture: PreparedCapture,
+    seen: Inspected,
+    report: MaskReport,
+    config: BenchmarkConfig,
+    sheet: Path,
+    *,
+    good: bool,
+) -> list[str]:
+    sizes = sorted({f"{view.width}x{view.height}" for view in capture.views})
+    lines = [f"{len(seen.names)} photos, {', '.join(sizes)} pixels as they are used"]
+    lines += [f"! {problem}" for problem in seen.problems]
+    flags = [f"{view.name} ({', '.join(view.flags)})" for view in report.flagged]
+    if flags:
+        lines.append(f"! masks that look wrong: {', '.join(flags)}")
+    if good:
+        lines.append(f"about {seen.placed} of {len(seen.names)} photos will get a camera")
+        lines.append(f"a full run takes about {duration(seconds(capture, config))} on two cores")
+    else:
+        lines.append(
+            f"✗ {seen.placed} of {len(seen.names)} photos hang together: too few for a run; take "
+            "photos closer to each other, with the background in place"
+        )
+    return [*lines, f"masks: {sheet}"]
+
+
+def seconds(capture: PreparedCapture, config: BenchmarkConfig) -> float:
+    """Estimate what a run of one capture takes, in seconds, to within a factor of two."""
+    count = len(capture.views)
+    megapixels = sum(view.width * view.height for view in capture.views) / 1e6
+    trainings = len(config.conditions) * len(config.seeds)
+    area = (config.resolution / BenchmarkConfig().resolution) ** 2
+    trained = trainings * (config.iterations * A_STEP * area + A_TRAINING)
+    return A_PHOTO_AND_MEGAPIXEL * megapixels + A_PHOTO * count + trained / WORKERS
+
+
+def _sheet(capture: PreparedCapture, report: MaskReport, out: Path) -> Path:
+    """Draw the photos with their masks' outlines."""
+    masks = out / "segmented" / "masks"
+    views: list[View] = [replace(v, mask=masks / f"{v.name}.png") for v in capture.views]
+    flags = {view.name: view.flags for view in report.views}
+    with style():
+        saved = draw(views, flags, out, "masks", "", all_registered=True)
+    return saved.png

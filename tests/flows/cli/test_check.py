@@ -1,0 +1,64 @@
+"""``mattgs check``: what it prints, the sheet, and the exit code."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from flows.cli.app import app
+from flows.cli.check import seconds
+from mattgs_ops.capture.scene import PreparedCapture, View
+from mattgs_ops.config import BUNDLED, BenchmarkConfig
+from mattgs_ops.errors import InputError
+
+PHOTOS = Path(__file__).resolve().parents[3] / "mattgs_ops" / "bundled" / BUNDLED[0] / "images"
+
+
+def some(folder: Path, count: int) -> Path:
+    folder.mkdir()
+    for path in sorted(PHOTOS.iterdir())[:count]:
+        (folder / path.name).write_bytes(path.read_bytes())
+    return folder
+
+
+def test_photos_are_looked_at_and_masks_drawn(tmp_path: Path) -> None:
+    photos = some(tmp_path / "photos", 5)
+    result = CliRunner().invoke(app, ["check", str(photos), "--out", str(tmp_path / "out")])
+    assert result.exit_code == 0, result.output
+    assert "5 photos, 640x480 pixels" in result.output
+    assert "about 5 of 5 photos will get a camera" in result.output
+    assert "a full run takes about" in result.output
+    sheet = tmp_path / "out" / "checks" / "photos" / "masks.png"
+    assert cv2.imread(str(sheet)).shape[1] > 500
+
+
+def test_photos_that_have_nothing_in_common_end_with_two(tmp_path: Path) -> None:
+    folder, rng = tmp_path / "noise", np.random.default_rng(0)
+    folder.mkdir()
+    for path in some(tmp_path / "photos", 1).iterdir():
+        (folder / path.name).write_bytes(path.read_bytes())
+    for index in range(4):
+        noise = rng.integers(0, 256, (120, 160, 3)).astype(np.uint8)
+        cv2.imwrite(str(folder / f"n{index}.png"), noise)
+    result = CliRunner().invoke(app, ["check", str(folder), "--out", str(tmp_path / "out")])
+    assert result.exit_code == 2, result.output
+    assert "too few for a run" in result.output
+
+
+def test_without_photos_there_is_nothing_to_check(tmp_path: Path) -> None:
+    result = CliRunner().invoke(app, ["check", "--out", str(tmp_path)])
+    assert isinstance(result.exception, InputError)
+
+
+def test_more_photos_and_more_steps_take_longer(tmp_path: Path) -> None:
+    def of(count: int) -> PreparedCapture:
+        view = View("a.jpg", "train", 640, 480, tmp_path / "a", None, None)
+        return PreparedCapture("x", tmp_path, (view,) * count, "none", "none")
+
+    short, long = BenchmarkConfig(), BenchmarkConfig(iterations=30_000)
+    assert seconds(of(60), short) > seconds(of(30), short)
+    assert seconds(of(30), long) == pytest.approx(
+        seconds(of(30), short) + 6 * 29_000 * 0.038 / 2, rel=0.01
+    )

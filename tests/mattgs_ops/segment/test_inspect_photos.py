@@ -1,0 +1,76 @@
+"""What a quick look at photos finds: blur, exposure, photos that hang together."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from mattgs_ops.capture.camera import Camera, Intrinsics
+from mattgs_ops.capture.scene import PreparedCapture, View
+from mattgs_ops.segment.inspect_photos import inspect, pairs
+
+WIDTH, HEIGHT = 240, 180
+
+
+def capture(folder: Path, count: int = 6, *, posed: bool = False) -> PreparedCapture:
+    """Photograph one wall of blots, a little farther each time."""
+    rng = np.random.default_rng(0)
+    wall = np.full((HEIGHT + 20, WIDTH + 20 * count, 3), 120, np.uint8)
+    for _ in range(900):
+        middle = (int(rng.integers(wall.shape[1])), int(rng.integers(wall.shape[0])))
+        colour = tuple(int(c) for c in rng.integers(30, 230, 3))
+        cv2.circle(wall, middle, int(rng.integers(2, 7)), colour, -1)
+    views = []
+    for i in range(count):
+        photo = folder / f"{i}.jpg.png"
+        cv2.imwrite(str(photo), wall[i : i + HEIGHT, 12 * i : 12 * i + WIDTH])
+        lens = Intrinsics(WIDTH, HEIGHT, 200.0, 200.0, WIDTH / 2, HEIGHT / 2)
+        camera = Camera(lens, np.eye(3), np.zeros(3)) if posed else None
+        views.append(View(f"{i}.jpg", "train", WIDTH, HEIGHT, photo, None, camera))
+    return PreparedCapture("wall", folder, tuple(views), "none", "given" if posed else "none")
+
+
+def change(view: View, pixels: np.ndarray) -> None:
+    cv2.imwrite(str(view.photo), pixels)
+
+
+def photo(view: View) -> np.ndarray:
+    return np.asarray(cv2.imread(str(view.photo)))
+
+
+def test_good_photos_hang_together(tmp_path: Path) -> None:
+    found = inspect(capture(tmp_path))
+    assert found.placed == 6
+    assert min(found.matched) >= 2
+    assert found.problems == ("6 photos are few: from 12 on they overlap, 30 are better",)
+
+
+def test_what_is_wrong_is_told_by_name(tmp_path: Path) -> None:
+    source = capture(tmp_path)
+    rng = np.random.default_rng(1)
+    change(source.views[1], cv2.GaussianBlur(photo(source.views[1]), (0, 0), 4))
+    change(source.views[2], photo(source.views[2]) // 12)
+    change(source.views[4], rng.integers(0, 256, (HEIGHT, WIDTH, 3)).astype(np.uint8))
+    told = "\n".join(inspect(source).problems)
+    assert "blurred (next to the others): 1.jpg" in told
+    assert "1 too dark: 2.jpg" in told
+    assert "exposure differs between photos" in told
+    assert "not matched with any other photo" in told
+    assert "4.jpg" in told.split("not matched")[1]
+    assert "of 6 photos hang together" in told
+
+
+def test_photos_that_come_with_cameras_need_no_matches(tmp_path: Path) -> None:
+    source = capture(tmp_path, posed=True)
+    for view in source.views:
+        change(view, np.full((HEIGHT, WIDTH, 3), 100, np.uint8))
+    assert inspect(source).placed == 6
+
+
+@pytest.mark.parametrize("count", [3, 9, 40])
+def test_each_pair_is_matched_once_and_every_photo_with_its_neighbours(count: int) -> None:
+    found = pairs(count)
+    assert len(set(found)) == len(found)
+    assert all(a < b < count for a, b in found)
+    assert {(i, i + 1) for i in range(count - 1)} <= set(found)

@@ -12,7 +12,7 @@ from prefect import flow
 from prefect.futures import PrefectFuture
 
 from flows.grid import cells
-from flows.prefect_artifacts import ShownProgress, show_results
+from flows.prefect_artifacts import ProgressBar, show_results
 from mattgs_ops.config import BenchmarkConfig, CaptureConfig
 from mattgs_ops.errors import MattgsError
 from mattgs_ops.naming import slug
@@ -62,7 +62,7 @@ def benchmark(config: BenchmarkConfig, out: Path, tracking_uri: str) -> Path:
     chains = [chain for capture in config.captures for chain in _submit(place, capture, config)]
     outcomes: list[Outcome] = []
     recorded: list[Row] = []
-    shown = ShownProgress(config.name, len(chains))
+    progress_bar = ProgressBar(config.name, len(chains))
     with following(place, tracking_uri, _expected(place, config, chains)):
         for chain in chains:
             outcomes.append(_wait(place, chain))
@@ -70,7 +70,9 @@ def benchmark(config: BenchmarkConfig, out: Path, tracking_uri: str) -> Path:
             _warn(place, row)
             known = settings(config, chain.cell), outcomes[-1].artifacts
             recorded.append(record(place, tracking_uri, row, *known))
-            shown.show(len(outcomes), sum(outcome.reason is not None for outcome in outcomes))
+            progress_bar.show(
+                len(outcomes), sum(outcome.reason is not None for outcome in outcomes)
+            )
     outcomes, speeds = _measure(place, outcomes, config)
     rows = []
     for outcome, before in zip(outcomes, recorded, strict=True):
@@ -133,16 +135,18 @@ def _wait(place: Place, chain: Chain) -> Outcome:
     outcome = Outcome(chain.cell, {"prepare": chain.prepared})
     for name, future in chain.futures:
         owner = chain.cell if name in ("train", "evaluate") else chain.cell.capture
-        told = StatusFile(place.status / f"{slug(f'{name} {owner}')}.json")
+        status_file = StatusFile(place.status / f"{slug(f'{name} {owner}')}.json")
         try:
             # raises too when Dask lost the worker, which a plain wait() would pass over in silence
             made = future.result()
             place.folder(made)  # brings it here from where it was made
             outcome.artifacts[name] = made
-            told.learn(f"{name} {owner}", name, "cached" if made.cached else "done", made.seconds)
+            status_file.end_elsewhere(
+                f"{name} {owner}", name, "cached" if made.cached else "done", made.seconds
+            )
         except Exception as error:
             reason = str(error) or type(error).__name__
-            told.learn(f"{name} {owner}", name, "failed", 0.0, reason)
+            status_file.end_elsewhere(f"{name} {owner}", name, "failed", 0.0, reason)
             return replace(outcome, reason=reason)
     return outcome
 
@@ -152,8 +156,8 @@ def _warn(place: Place, row: Row) -> None:
     stages = [stage for stage in ("segment", "agree") if stage in row["seconds"]]
     if row["warnings"] and stages:
         title = slug(" ".join([stages[-1], row["capture"]]))
-        told = StatusFile(place.status / f"{title}.json")
-        told.warn("; ".join(one["text"] for one in row["warnings"]))
+        status_file = StatusFile(place.status / f"{title}.json")
+        status_file.warn("; ".join(one["text"] for one in row["warnings"]))
 
 
 def _measure(

@@ -27,7 +27,7 @@ from reports.tables.side_tables import all_tables
 PROGRESS_SECONDS = 5.0  # between two updates of a progress bar: each is an API call
 
 
-class ShownProgress:
+class ProgressBar:
     """Experiments that have ended, as a bar."""
 
     def __init__(self, name: str, total: int) -> None:

@@ -181,7 +181,7 @@ def config_digest(config: BenchmarkConfig, cell: Cell) -> str:
     wrong default is judged by what it does to the scores instead of being called another
     configuration.
     """
-    asked = settings(config, cell)
+    requested = settings(config, cell)
     changed = config.model_dump(
         mode="json", include={"test_every", "segment", "sfm", "train"}, exclude_defaults=True
     )
@@ -189,11 +189,13 @@ def config_digest(config: BenchmarkConfig, cell: Cell) -> str:
         changed.get("train", {}).pop(name, None)
     changed = {name: value for name, value in changed.items() if value != {}}
     if "model" in changed.get("segment", {}):
-        changed["segment"]["model"] = asked["segment"]["model"]
-    own = config.methods.get(asked["method"])
+        changed["segment"]["model"] = requested["segment"]["model"]
+    own = config.methods.get(requested["method"])
     method = None if own is None else own.model_dump(mode="json", exclude_defaults=True)
     kept = ("capture", "capture_kind", "background", "method", "seed", "iterations", "resolution")
-    return json_digest({name: asked[name] for name in kept} | changed | {"method_settings": method})
+    return json_digest(
+        {name: requested[name] for name in kept} | changed | {"method_settings": method}
+    )
 
 
 def _scores(

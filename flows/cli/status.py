@@ -52,8 +52,8 @@ def show(out: Path, benchmark: str | None) -> None:
     folder = out / "status"
     known = sorted(path.name for path in folder.glob("*") if path.is_dir())
     if not known or (benchmark is not None and benchmark not in known):
-        asked = "any benchmark" if benchmark is None else f"benchmark {benchmark!r}"
-        raise InputError(f"{out}: nothing known of {asked}; known: {', '.join(known) or 'none'}")
+        wanted = "any benchmark" if benchmark is None else f"benchmark {benchmark!r}"
+        raise InputError(f"{out}: nothing known of {wanted}; known: {', '.join(known) or 'none'}")
     console = Console()
     if not console.is_terminal:
         console = Console(width=max(console.width, NARROWEST))
@@ -73,15 +73,15 @@ def experiments(stages: list[Status]) -> list[Progress]:
         titles = {kind: f"{kind} {capture}" for kind in (*OF_A_CAPTURE, SPEED)}
         titles |= {kind: f"{kind} {name}" for kind in OF_AN_EXPERIMENT}
         order = (*OF_A_CAPTURE, *OF_AN_EXPERIMENT, SPEED)
-        mine = {kind: by_title[titles[kind]] for kind in order if titles[kind] in by_title}
-        found.append(Progress(name, mine))
+        stages_of_one = {kind: by_title[titles[kind]] for kind in order if titles[kind] in by_title}
+        found.append(Progress(name, stages_of_one))
     return found
 
 
 def _print(name: str, found: list[Progress], console: Console) -> None:
     counts = Counter(one.state for one in found)
-    told = ", ".join(f"{counts[state]} {state}" for state in sorted(counts))
-    title = f"Benchmark {name}: {len(found)} experiments: {told}"
+    states = ", ".join(f"{counts[state]} {state}" for state in sorted(counts))
+    title = f"Benchmark {name}: {len(found)} experiments: {states}"
     kinds = list(dict.fromkeys(kind for one in found for kind in one.stages))
     table = Table(title=title, title_justify="left")
     for heading in ("Experiment", "State", *kinds):

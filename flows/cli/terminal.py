@@ -75,9 +75,9 @@ def stage_times(stages: list[Status], seconds: float) -> str:
     stages = [stage for stage in stages if stage.state != "waiting"]
     lines = [f"{'stage':<10}{'runs':>6}{'cached':>8}{'failed':>8}{'time':>10}"]
     for name in dict.fromkeys(s.stage for s in stages):
-        mine = [s for s in stages if s.stage == name]
-        counts = [sum(s.state == state for s in mine) for state in ("done", "cached", "failed")]
-        took = duration(sum(s.seconds for s in mine))
+        of_kind = [s for s in stages if s.stage == name]
+        counts = [sum(s.state == state for s in of_kind) for state in ("done", "cached", "failed")]
+        took = duration(sum(s.seconds for s in of_kind))
         lines.append(f"{name:<10}{counts[0]:>6}{counts[1]:>8}{counts[2]:>8}{took:>10}")
     lines.append(f"{'wall time':<32}{duration(seconds):>10}")
     return "\n".join(lines)

@@ -102,10 +102,10 @@ def _missing_told(missing: Sequence[Cell], planned: int) -> list[str]:
     captures: dict[str, list[Cell]] = {}
     for cell in missing:
         captures.setdefault(cell.capture, []).append(cell)
-    told = [f"{len(missing)} of the grid's {planned} experiments are missing."]
-    for name, mine in captures.items():
+    sentences = [f"{len(missing)} of the grid's {planned} experiments are missing."]
+    for name, rows_of_capture in captures.items():
         seeds: dict[str, list[int]] = {}
-        for cell in mine:
+        for cell in rows_of_capture:
             seeds.setdefault(cell.condition, []).append(cell.seed)
         alike: dict[tuple[int, ...], list[str]] = {}
         for condition, own in seeds.items():
@@ -116,8 +116,8 @@ def _missing_told(missing: Sequence[Cell], planned: int) -> list[str]:
             f"{', '.join(map(str, own))})"
             for own, names in alike.items()
         ]
-        told.append(f"Not run yet, {capture_name(name)}: {'; '.join(texts)}.")
-    return told
+        sentences.append(f"Not run yet, {capture_name(name)}: {'; '.join(texts)}.")
+    return sentences
 
 
 def _gather(parts: Iterator[tuple[Path, Sequence[Row]]], root: Path) -> Path:

@@ -19,12 +19,12 @@ def export(what: str, form: str, file: Path | None, out: Path) -> str:
 
     ending = formats.suffix(form)
     with tempfile.TemporaryDirectory(prefix="mattgs-export-") as folder:
-        asked = splats_of(what, out, Path(folder))
-        path = file or out / "exports" / f"{slug(asked.name)}{ending}"
-        if path.resolve() == asked.splats.resolve():
+        source = splats_of(what, out, Path(folder))
+        path = file or out / "exports" / f"{slug(source.name)}{ending}"
+        if path.resolve() == source.splats.resolve():
             raise InputError(f"{path}: expected another file than the one that is read")
-        splats = read_ply(asked.splats)
-        before = asked.splats.stat().st_size
+        splats = read_ply(source.splats)
+        before = source.splats.stat().st_size
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         formats.export(splats, form, path)

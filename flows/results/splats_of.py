@@ -9,7 +9,7 @@ from tasks.registry import lookup, summary
 
 
 @dataclass(frozen=True)
-class Asked:
+class SplatSource:
     """``name`` for people and files; ``files`` is the folder of a run's artifacts, if it is one."""
 
     name: str
@@ -17,13 +17,13 @@ class Asked:
     files: Path | None = None
 
 
-def splats_of(what: str, out: Path, into: Path) -> Asked:
+def splats_of(what: str, out: Path, into: Path) -> SplatSource:
     """Find what ``what`` names; a server's files are downloaded below ``into``.
 
     Raises :class:`InputError` when it is neither a file nor a run that trained splats.
     """
     if Path(what).is_file():
-        return Asked(Path(what).stem, Path(what))
+        return SplatSource(Path(what).stem, Path(what))
     if what.endswith(".ply"):
         raise InputError(f"{what}: expected a PLY file, found none")
     embedded.quieten(out)
@@ -34,4 +34,4 @@ def splats_of(what: str, out: Path, into: Path) -> Asked:
     if not splats.is_file():
         raise InputError(f"run {found}: expected splats, found none; did its training finish?")
     name = f"{found.benchmark} {found.name} {found.run_id[:8]}"
-    return Asked(name, splats, files)
+    return SplatSource(name, splats, files)

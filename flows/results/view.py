@@ -7,7 +7,7 @@ import webbrowser
 from pathlib import Path
 from typing import Any
 
-from flows.results.splats_of import Asked, splats_of
+from flows.results.splats_of import SplatSource, splats_of
 from mattgs_ops.capture.scene import Scene
 from mattgs_ops.errors import InputError
 from mattgs_ops.naming import checked_row
@@ -19,9 +19,9 @@ def view(what: str, out: Path, port: int, *, browser: bool) -> None:
     Raises :class:`InputError` when there is no such thing, or viser is not installed.
     """
     with tempfile.TemporaryDirectory(prefix="mattgs-view-") as folder:
-        server, told = start(what, out, port, Path(folder))
+        server, description = start(what, out, port, Path(folder))
         address = f"http://127.0.0.1:{server.get_port()}"
-        sys.stdout.write(f"{told}\nViewer: {address} (Ctrl-C ends)\n")
+        sys.stdout.write(f"{description}\nViewer: {address} (Ctrl-C ends)\n")
         sys.stdout.flush()
         if browser:
             webbrowser.open(address)
@@ -37,11 +37,11 @@ def start(what: str, out: Path, port: int, into: Path) -> tuple[Any, str]:
     from reports.page import viser_viewer
 
     viser_viewer.require()
-    asked = splats_of(what, out, into)
-    scene = None if asked.files is None else _scene(asked.files, out)
-    server = viser_viewer.serve(asked.splats, scene, _photos(asked, scene), port)
+    source = splats_of(what, out, into)
+    scene = None if source.files is None else _scene(source.files, out)
+    server = viser_viewer.serve(source.splats, scene, _photos(source, scene), port)
     cameras = 0 if scene is None else sum(view.camera is not None for view in scene.views)
-    return server, f"{asked.name}: splats and {cameras} cameras"
+    return server, f"{source.name}: splats and {cameras} cameras"
 
 
 def _scene(files: Path, out: Path) -> Scene | None:
@@ -60,10 +60,10 @@ def _scene(files: Path, out: Path) -> Scene | None:
     return None
 
 
-def _photos(asked: Asked, scene: Scene | None) -> dict[str, Path]:
+def _photos(source: SplatSource, scene: Scene | None) -> dict[str, Path]:
     """Map views to pictures: the scene's photos where they are, else what was scored against."""
-    if scene is None or asked.files is None:
+    if scene is None or source.files is None:
         return {}
-    truths = {v.name: asked.files / "truth" / v.split / f"{v.name}.png" for v in scene.views}
+    truths = {v.name: source.files / "truth" / v.split / f"{v.name}.png" for v in scene.views}
     found = {v.name: v.photo if v.photo.is_file() else truths[v.name] for v in scene.views}
     return {name: path for name, path in found.items() if path.is_file()}

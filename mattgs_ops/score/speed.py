@@ -49,8 +49,8 @@ def measure_speed(
     for index, took in time_views(splats, cameras, shown, threads=threads):
         pairs.add(took)
         seconds += took
-        whole = index == len(cameras) - 1
-        if whole and len(pairs) >= FEWEST_ROUNDS * len(cameras) and seconds >= FEWEST_SECONDS:
+        round_ended = index == len(cameras) - 1
+        if round_ended and len(pairs) >= FEWEST_ROUNDS * len(cameras) and seconds >= FEWEST_SECONDS:
             break
     ratios = pairs.ratios().reshape(-1, len(cameras))
     by_view = np.median(ratios, axis=0)

@@ -101,10 +101,10 @@ def _scatter(axis: "Axes", photo: NDArray[np.uint8], xy: Array, title: str) -> N
 def _cloud(axis: "Axes", scene: Scene) -> None:
     points = scene.points()
     flat, centres = from_above(scene, points.xyz)
-    mine = points.object_share >= np.float32(OBJECT_SHARE)
+    on_object = points.object_share >= np.float32(OBJECT_SHARE)
     for xy, size, colour, marker in (
-        (flat[~mine], 1.5, OTHER_COLOUR, "o"),
-        (flat[mine], 1.5, OBJECT_COLOUR, "o"),
+        (flat[~on_object], 1.5, OTHER_COLOUR, "o"),
+        (flat[on_object], 1.5, OBJECT_COLOUR, "o"),
         (centres, 12.0, CAMERA_COLOUR, "^"),
     ):
         axis.scatter(xy[:, 0], xy[:, 1], s=size, c=colour, marker=marker, linewidths=0)
@@ -122,7 +122,7 @@ def _cloud(axis: "Axes", scene: Scene) -> None:
     axis.set_aspect("equal")
     axis.set_xticks([])
     axis.set_yticks([])
-    axis.set_title(f"{len(flat)} points, {int(mine.sum())} on the object", fontsize=9)
+    axis.set_title(f"{len(flat)} points, {int(on_object.sum())} on the object", fontsize=9)
 
 
 def _read(path: Path | None, how: int) -> NDArray[np.uint8]:

@@ -139,9 +139,9 @@ def _remove(store: Store, one: Removal, limit: float, dry_run: bool) -> bool:
     """Remove one thing under its lock; return whether it was, or would be, removed."""
     key = one.name.removeprefix(f"{WORK}/")
     if dry_run and not _lock_file(store, key).exists():  # a dry run makes no locks either
-        return _asked(store, key) < limit
-    with store.lock(key, wait=False) as mine:
-        if not mine or _asked(store, key) >= limit:
+        return _last_used(store, key) < limit
+    with store.lock(key, wait=False) as acquired:
+        if not acquired or _last_used(store, key) >= limit:
             return False
         if not dry_run:
             remove(store.root / one.name)
@@ -152,7 +152,7 @@ def _lock_file(store: Store, key: str) -> Path:
     return store.root / LOCKS / key.replace("/", "-")
 
 
-def _asked(store: Store, key: str) -> float:
+def _last_used(store: Store, key: str) -> float:
     """Return when a key was last asked for, or its thing made; 0 when nobody knows."""
     dates = [0.0]
     for path in (_lock_file(store, key), store.root / key / MANIFEST):
@@ -174,8 +174,8 @@ def _remove_locks(store: Store, gone: set[str], limit: float, dry_run: bool) -> 
     for path in sorted((store.root / LOCKS).glob("*")):
         if path.name in present:
             continue
-        with store.lock(path.name, wait=False) as mine:
-            if mine and _asked(store, path.name) < limit:
+        with store.lock(path.name, wait=False) as acquired:
+            if acquired and _last_used(store, path.name) < limit:
                 removed.append(Removal("lock", f"{LOCKS}/{path.name}", 0))
                 if not dry_run:
                     path.unlink(missing_ok=True)

@@ -216,8 +216,8 @@ class Store:
         With ``wait`` unset, for those who only tidy up: yields False at once when another has it,
         and leaves the date alone.
         """
-        with store_lock.held(self.root / "locks" / str(key).replace("/", "-"), wait) as mine:
-            yield mine
+        with store_lock.held(self.root / "locks" / str(key).replace("/", "-"), wait) as acquired:
+            yield acquired
 
     def _publish(self, key: StageKey, place: Path, extra: dict[str, Any]) -> Finished:
         for left in place.iterdir():  # by a kill: half of what came or went, half a manifest

@@ -93,15 +93,15 @@ def _points(found: Gallery, root: Path | None) -> dict[str, Points]:
     if view is None or view.camera is None:
         return {}
     camera = view.camera.scaled(image.shape[1], image.shape[0])
-    told = {}
+    panels = {}
     if (train / START).is_file():
         with np.load(train / START) as start:
-            told[START_TITLE] = _seen(camera, start["xyz"], start["kept"])
+            panels[START_TITLE] = _seen(camera, start["xyz"], start["kept"])
     if (train / PRUNED).is_file():
         with np.load(train / PRUNED) as pruned:
             none = np.zeros(len(pruned["xyz"]), np.bool_)
-            told[LATER_TITLE] = _seen(camera, pruned["xyz"], none)
-    return told
+            panels[LATER_TITLE] = _seen(camera, pruned["xyz"], none)
+    return panels
 
 
 def _seen(camera: Camera, xyz: Floats, kept: NDArray[np.bool_]) -> Points:

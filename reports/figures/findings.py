@@ -18,7 +18,7 @@ def on_views(found: Gallery, views: Sequence[str], error: bool = False) -> str:
     By PSNR inside the mask, or with ``error`` by L1 there; over the full frame where there is no
     mask. Empty where a score is missing.
     """
-    told: dict[str, list[str]] = {}
+    sentences: dict[str, list[str]] = {}
     name = "l1" if error else "psnr"
     for background in (b for b in BACKGROUNDS if _conditions(found, b)):
         conditions = _conditions(found, background)
@@ -30,11 +30,11 @@ def on_views(found: Gallery, views: Sequence[str], error: bool = False) -> str:
             }
             if len(scores) == len(conditions):
                 claim, numbers = _ranked(scores, where, error)
-                told.setdefault(claim, []).append(f"{WHERE[background]} {numbers}")
+                sentences.setdefault(claim, []).append(f"{WHERE[background]} {numbers}")
                 break
-    if not told:
+    if not sentences:
         return ""
-    claims = [f"{claim}: {', '.join(numbers)}" for claim, numbers in told.items()]
+    claims = [f"{claim}: {', '.join(numbers)}" for claim, numbers in sentences.items()]
     return f"On these views {'; '.join(claims)}. "
 
 
@@ -63,7 +63,7 @@ def _mean(found: Gallery, condition: str, views: Sequence[str], metric: str) -> 
 
 
 def winners(
-    mine: Sequence[Cell], names: Sequence[str], what: str, value: Callable[[Cell], float | None]
+    selected: Sequence[Cell], names: Sequence[str], what: str, value: Callable[[Cell], float | None]
 ) -> str:
     """Say on how many of the captures each method has the largest ``value``, as ``what``.
 
@@ -74,7 +74,7 @@ def winners(
         for name in names:
             scores = {
                 cell.key.method: score
-                for cell in mine
+                for cell in selected
                 if (cell.key.capture, cell.key.background) == (name, background)
                 and (score := value(cell)) is not None
             }
@@ -90,5 +90,7 @@ def _counts(first: Counter[str], names: Sequence[str]) -> str:
     if total == 1:
         only = f" on {capture_name(names[0])}" if len(names) == 1 else " on the one that compares"
         return f"{method_name(next(iter(first)))}{only}"
-    told = [f"{method_name(method)} on {count} of {total}" for method, count in first.most_common()]
-    return ", ".join(told) + " captures"
+    sentences = [
+        f"{method_name(method)} on {count} of {total}" for method, count in first.most_common()
+    ]
+    return ", ".join(sentences) + " captures"

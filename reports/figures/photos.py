@@ -216,10 +216,10 @@ def _points(axes: Axes, photo: Floats, scene: Scene, view: View) -> None:
 
 
 def all_photo_figures(
-    galleries: Sequence[Gallery], mine: Sequence[Cell], root: Path | None, folder: Path
+    galleries: Sequence[Gallery], selected: Sequence[Cell], root: Path | None, folder: Path
 ) -> list[Saved]:
     """Draw every figure of this module that has its pictures."""
-    first = {cell.key.capture: cell.finished[0] for cell in reversed(mine) if cell.finished}
+    first = {cell.key.capture: cell.finished[0] for cell in reversed(selected) if cell.finished}
     names = [g.capture for g in galleries if g.capture in first]
     out = masked_sfm([(name, first[name]) for name in names], root, folder)
     out += attention(galleries, root, folder)

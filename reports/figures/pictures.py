@@ -78,10 +78,10 @@ class Gallery:
         return read(self.renders[condition, view])
 
 
-def gallery(capture: str, mine: Sequence[Cell], root: Path | None) -> Gallery:
+def gallery(capture: str, all_cells: Sequence[Cell], root: Path | None) -> Gallery:
     """Find one capture's pictures: of each cell's lowest finished seed that has them here."""
     out = Gallery(capture)
-    for cell in mine:
+    for cell in all_cells:
         if cell.key.capture != capture or not cell.finished:
             continue
         condition = cell.key.condition
@@ -103,9 +103,9 @@ def gallery(capture: str, mine: Sequence[Cell], root: Path | None) -> Gallery:
     return out
 
 
-def told(galleries: Sequence[Gallery]) -> list[str]:
+def missing_pictures(galleries: Sequence[Gallery]) -> list[str]:
     """Say what is missing, one sentence per reason: of whole captures, then of their conditions."""
-    whole: dict[str, list[str]] = {}
+    by_reason: dict[str, list[str]] = {}
     part: list[str] = []
     for found in galleries:
         reasons: dict[str, list[str]] = {}
@@ -113,12 +113,12 @@ def told(galleries: Sequence[Gallery]) -> list[str]:
             reasons.setdefault(reason, []).append(condition)
         for reason, conditions in reasons.items():
             if len(conditions) == len(found.rows):
-                whole.setdefault(reason, []).append(capture_name(found.capture))
+                by_reason.setdefault(reason, []).append(capture_name(found.capture))
                 continue
             rows = [found.rows[condition] for condition in conditions]
             names = ", ".join(condition_name(row["background"], row["method"]) for row in rows)
             part.append(f"{capture_name(found.capture)}, {names}: {reason}")
-    return [f"{', '.join(names)}: {reason}" for reason, names in whole.items()] + part
+    return [f"{', '.join(names)}: {reason}" for reason, names in by_reason.items()] + part
 
 
 def artifact(row: Row, kind: str, root: Path | None) -> Path | None:

@@ -187,9 +187,9 @@ def _curves(found: Curves, tones: dict[str, str], folder: Path, slug: str, sheet
         if fixed
         else "PSNR and loss are of"
     )
-    mine = [cell for curves in found.values() for cell, _ in curves]
+    selected = [cell for curves in found.values() for cell, _ in curves]
     caption = (
-        findings.winners(mine, list(found), "Fewest splats", lambda cell: less(cell, "splats"))
+        findings.winners(selected, list(found), "Fewest splats", lambda cell: less(cell, "splats"))
         + f"Training curves; {what} each step's own view, thin as recorded, thick as a running "
         "mean. The loss of Ours is on its own weighted scale and does not compare "
         f"with that of 3DGS; PSNR does, on one background.{sheet}"

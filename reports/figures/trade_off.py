@@ -31,31 +31,32 @@ INCOMPARABLE = "Times are of different machines and do not compare between them.
 
 def trade_offs(rows: Sequence[Row], folder: Path) -> list[Saved]:
     """Quality inside the mask against size (upper row) and time (lower row), one column each."""
-    mine = [cell for cell in cells(rows) if cell.finished]
-    names = captures(row for cell in mine for row in cell.finished)
+    selected = [cell for cell in cells(rows) if cell.finished]
+    names = captures(row for cell in selected for row in cell.finished)
     tones = colours(rows)
     return [
-        _trade_off(mine, part, tones, folder, slug, sheet) for slug, sheet, part in sheets(names)
+        _trade_off(selected, part, tones, folder, slug, sheet)
+        for slug, sheet, part in sheets(names)
     ]
 
 
 def _trade_off(
-    mine: Sequence[Cell],
+    selected: Sequence[Cell],
     names: Sequence[str],
     tones: dict[str, str],
     folder: Path,
     slug: str,
     sheet: str,
 ) -> Saved:
-    in_mask = any(mean(cell, "mask_psnr") is not None for cell in mine)
+    in_mask = any(mean(cell, "mask_psnr") is not None for cell in selected)
     metric = "mask_psnr" if in_mask else "psnr"
     label = "PSNR in mask (dB)" if in_mask else "PSNR (dB)"
 
-    machine = shared_machine(mine)
-    mixed = len({machine_of(row) for row in finished_of(mine)}) > 1
+    machine = shared_machine(selected)
+    mixed = len({machine_of(row) for row in finished_of(selected)}) > 1
     timed = {
         cell.key: replace(cell, finished=measured_on(machine, cell.finished)) if machine else cell
-        for cell in mine
+        for cell in selected
     }
 
     def quality(cell: Cell) -> float | None:
@@ -67,7 +68,7 @@ def _trade_off(
     figure = Figure(figsize=(max(2.5 * len(names), 3.2) + 0.5, 4.8))
     grid = figure.subplots(2, len(names), squeeze=False)
     for place, name in enumerate(names):
-        members = [cell for cell in mine if cell.key.capture == name]
+        members = [cell for cell in selected if cell.key.capture == name]
         for axes, cost, text in (
             (grid[0][place], "size_mb", "Size (MB)"),
             (grid[1][place], "time", "Time (s)"),
@@ -78,15 +79,15 @@ def _trade_off(
         grid[0][place].set_title(capture_name(name))
     for axes in grid[:, 0]:
         axes.set_ylabel(label)
-    legend(figure, _handles(mine, tones))
+    legend(figure, _handles(selected, tones))
     incomparable = mixed and not machine
     machines = ""
     if mixed:
-        machines = f" {where_timed(mine, machine)}" if machine else f" {INCOMPARABLE}"
+        machines = f" {where_timed(selected, machine)}" if machine else f" {INCOMPARABLE}"
     caption = (
-        findings.winners(mine, names, f"Highest {label.removesuffix(' (dB)')}", quality)
-        + findings.winners(mine, names, "Smallest file", lambda cell: less(cell, "size_mb"))
-        + ("" if incomparable else findings.winners(mine, names, "Shortest training", quick))
+        findings.winners(selected, names, f"Highest {label.removesuffix(' (dB)')}", quality)
+        + findings.winners(selected, names, "Smallest file", lambda cell: less(cell, "size_mb"))
+        + ("" if incomparable else findings.winners(selected, names, "Shortest training", quick))
         + f"{label} on held-out views against file size and training time: up and to the left is "
         f"better. Lines join the methods on one background.{machines}{sheet}"
     )
@@ -126,8 +127,8 @@ def _mark(background: str, method: str, tones: dict[str, str]) -> str:
     return shapes[list(tones).index(method) // len(PALETTE) % len(shapes)]
 
 
-def _handles(mine: Sequence[Cell], tones: dict[str, str]) -> list[Line2D]:
-    seen = dict.fromkeys((cell.key.background, cell.key.method) for cell in mine)
+def _handles(selected: Sequence[Cell], tones: dict[str, str]) -> list[Line2D]:
+    seen = dict.fromkeys((cell.key.background, cell.key.method) for cell in selected)
     return [
         Line2D(
             [],

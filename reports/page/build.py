@@ -47,19 +47,19 @@ def build(
     rows = promoted.mark(rows, baselines)
     wrong = problems(rows)
     good = refused(rows)
-    mine = cells(good)
+    all_cells = cells(good)
     out.mkdir(parents=True, exist_ok=True)
-    ordered = [row for cell in mine for row in cell.rows]
+    ordered = [row for cell in all_cells for row in cell.rows]
     _write(out / "rows.json", json.dumps(ordered, indent=1, sort_keys=True, allow_nan=False) + "\n")
     against = promoted.promoted_table(good, baselines)
     tables = [*all_tables(good, values), *([] if against is None else [against])]
     for table in tables:
         for suffix, form in FORMATS.items():
             _write(out / "tables" / f"{table.slug}.{suffix}", form(table))
-    found = [pictures.gallery(name, mine, artifacts_root) for name in captures(good)]
+    found = [pictures.gallery(name, all_cells, artifacts_root) for name in captures(good)]
     drawn = _draw(ordered, found, artifacts_root, out / "figures")
-    whole = verdict.overall(good)
-    judged = [*([] if whole is None else [whole]), *verdict.verdicts(good)]
+    overall = verdict.overall(good)
+    judged = [*([] if overall is None else [overall]), *verdict.verdicts(good)]
     line = verdict.summary_line(good, planned)
     notes = [*notes, *origins.notes(good)]
     warned = warnings(good)
@@ -76,7 +76,7 @@ def build(
         notes=notes,
         warnings=warned,
     )
-    missing = [*wrong, *pictures.told(found)]
+    missing = [*wrong, *pictures.missing_pictures(found)]
     words = _markdown(title, line, warned, judged, notes, tables, drawn, missing, out)
     _write(out / "report.md", words)
     path = out / "report.html"

@@ -17,7 +17,7 @@ import jinja2
 import numpy as np
 from PIL import Image
 
-from reports.figures.pictures import Gallery, artifact, told
+from reports.figures.pictures import Gallery, artifact, missing_pictures
 from reports.figures.plots import Saved
 from reports.page import splat_view
 from reports.rows.schema import background_name, capture_name, condition_name
@@ -92,7 +92,7 @@ def render(
         problems=problems,
         notes=notes,
         warnings=warnings,
-        missing=told(galleries),
+        missing=missing_pictures(galleries),
         data=_script_json({"captures": captures}),
         style=_text("report.css"),
         script="\n".join(_text(name) for name in SCRIPTS),
@@ -173,14 +173,14 @@ def _capture(
     pictures: dict[str, dict[str, str]] = {}
     size = [4, 3]
     for view in views:
-        mine: dict[str, str] = {}
+        slides: dict[str, str] = {}
         for condition in found.conditions:
             truth = f"truth-{found.rows[condition]['background']}"
-            if truth not in mine:
+            if truth not in slides:
                 source = found.truths[found.rows[condition]["background"], view]
-                mine[truth], size = _slide(source, most_pixels)
-            mine[condition], size = _slide(found.renders[condition, view], most_pixels)
-        pictures[view] = mine
+                slides[truth], size = _slide(source, most_pixels)
+            slides[condition], size = _slide(found.renders[condition, view], most_pixels)
+        pictures[view] = slides
     return {
         "id": found.capture,
         "name": capture_name(found.capture),
@@ -215,8 +215,8 @@ def _slide(path: Path, most_pixels: int) -> tuple[str, list[int]]:
 def _start(found: Gallery) -> list[str]:
     """Return what the slider compares first: 3DGS and the last method, without background."""
     without = [c for c in found.conditions if found.rows[c]["background"] == "nobg"]
-    mine = without or found.conditions
-    return [mine[0], mine[-1]] if mine else []
+    conditions = without or found.conditions
+    return [conditions[0], conditions[-1]] if conditions else []
 
 
 def _scores(found: Gallery, views: Sequence[str]) -> dict[str, dict[str, str]]:

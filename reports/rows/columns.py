@@ -74,12 +74,12 @@ def duration(seconds: float) -> str:
     """Seconds as ``1h 02m 03s``, ``13m 10s``, ``42 s`` or, below ten seconds, ``4.2 s``."""
     if seconds < 9.95:
         return f"{seconds:.1f} s"
-    whole = round(seconds)
-    if whole < MINUTE:
-        return f"{whole} s"
-    if whole < HOUR:
-        return f"{whole // MINUTE}m {whole % MINUTE:02d}s"
-    return f"{whole // HOUR}h {whole % HOUR // MINUTE:02d}m {whole % MINUTE:02d}s"
+    total = round(seconds)
+    if total < MINUTE:
+        return f"{total} s"
+    if total < HOUR:
+        return f"{total // MINUTE}m {total % MINUTE:02d}s"
+    return f"{total // HOUR}h {total % HOUR // MINUTE:02d}m {total % MINUTE:02d}s"
 
 
 def roman(number: int) -> str:

@@ -28,12 +28,14 @@ def reasons(candidate: Row, baseline: Row) -> list[str]:
     if found:
         return found
     ours, theirs = candidate.get("provenance") or {}, baseline.get("provenance") or {}
-    for name, mine, other in (
+    for name, candidate_value, baseline_value in (
         ("protocol", protocol_of(candidate), protocol_of(baseline)),
         ("configuration digest", ours.get("config_digest"), theirs.get("config_digest")),
     ):
-        if mine != other or mine is None:
-            found.append(f"{name}: baseline {_short(other)}, candidate {_short(mine)}")
+        if candidate_value != baseline_value or candidate_value is None:
+            found.append(
+                f"{name}: baseline {_short(baseline_value)}, candidate {_short(candidate_value)}"
+            )
     found += _inputs(ours, theirs)
     found += _views(candidate, baseline)
     return found
@@ -44,15 +46,15 @@ def other_truth(candidate: Row, baseline: Row) -> list[str]:
     ours, theirs = candidate.get("digests") or {}, baseline.get("digests") or {}
     found = []
     for name, called in DECISIVE.items():
-        mine, other = ours.get(name), theirs.get(name)
-        if mine is None or other is None:
-            where = "candidate" if mine is None else "baseline"
+        candidate_value, baseline_value = ours.get(name), theirs.get(name)
+        if candidate_value is None or baseline_value is None:
+            where = "candidate" if candidate_value is None else "baseline"
             found.append(f"{called}: the {where} does not state its digest")
-        elif mine != other:
+        elif candidate_value != baseline_value:
             stages = CAUSES[name]
             changed = (s for s in stages if ours.get(s) != theirs.get(s))
             stage = next(changed, stages[-1])
-            values = f"baseline {_short(other)}, candidate {_short(mine)}"
+            values = f"baseline {_short(baseline_value)}, candidate {_short(candidate_value)}"
             found.append(f"{called} changed in the stage {stage}: {values}")
     return found
 
@@ -63,9 +65,11 @@ def protocol_of(row: Row) -> Any:
 
 
 def _inputs(ours: Provenance, theirs: Provenance) -> list[str]:
-    mine, other = ours.get("inputs") or {}, theirs.get("inputs") or {}
+    candidate_value, baseline_value = ours.get("inputs") or {}, theirs.get("inputs") or {}
     changed = sorted(
-        name for name in mine.keys() | other.keys() if mine.get(name) != other.get(name)
+        name
+        for name in candidate_value.keys() | baseline_value.keys()
+        if candidate_value.get(name) != baseline_value.get(name)
     )
     return [f"other inputs: {', '.join(changed)}"] if changed else []
 

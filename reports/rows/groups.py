@@ -5,23 +5,23 @@ from collections.abc import Sequence
 from reports.rows.schema import Cell, Row, capture_name, condition_name
 
 
-def finished_of(mine: Sequence[Cell]) -> list[Row]:
+def finished_of(selected: Sequence[Cell]) -> list[Row]:
     """List the rows that finished."""
-    return [row for cell in mine for row in cell.finished]
+    return [row for cell in selected for row in cell.finished]
 
 
-def by_capture(mine: Sequence[Cell]) -> list[tuple[str, list[Cell]]]:
+def by_capture(selected: Sequence[Cell]) -> list[tuple[str, list[Cell]]]:
     """Group cells by the printed name of their capture."""
     grouped: dict[str, list[Cell]] = {}
-    for cell in mine:
+    for cell in selected:
         grouped.setdefault(capture_name(cell.key.capture), []).append(cell)
     return list(grouped.items())
 
 
-def by_background(mine: Sequence[Cell]) -> list[tuple[str, list[Cell]]]:
+def by_background(selected: Sequence[Cell]) -> list[tuple[str, list[Cell]]]:
     """Group cells whose full frames compare: one capture, one background."""
     grouped: dict[tuple[str, str], list[Cell]] = {}
-    for cell in mine:
+    for cell in selected:
         grouped.setdefault((cell.key.capture, cell.key.background), []).append(cell)
     return [(capture_name(capture), members) for (capture, _), members in grouped.items()]
 

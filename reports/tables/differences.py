@@ -45,19 +45,19 @@ OVERALL = "The mean over all weighs each capture and background once; its interv
 
 def difference_tables(rows: Sequence[Row]) -> list[Table]:
     """Return the table against 3DGS and, where variants were run, the one against Ours+."""
-    mine = [cell for cell in cells(rows) if cell.finished]
-    methods = {cell.key.method for cell in mine}
+    selected = [cell for cell in cells(rows) if cell.finished]
+    methods = {cell.key.method for cell in selected}
     bases = [BASE, BEST] if methods - set(METHOD_ORDER) else [BASE]
-    found = [_against(base, mine) for base in bases if base in methods and len(methods) > 1]
+    found = [_against(base, selected) for base in bases if base in methods and len(methods) > 1]
     return [table for table in found if table is not None]
 
 
-def _against(base: str, mine: Sequence[Cell]) -> Table | None:
+def _against(base: str, selected: Sequence[Cell]) -> Table | None:
     groups: list[Group] = []
     by_method: dict[str, list[Numbers]] = {}
-    places = dict.fromkeys((cell.key.capture, cell.key.background) for cell in mine)
+    places = dict.fromkeys((cell.key.capture, cell.key.background) for cell in selected)
     for capture, background in places:
-        here = [c for c in mine if (c.key.capture, c.key.background) == (capture, background)]
+        here = [c for c in selected if (c.key.capture, c.key.background) == (capture, background)]
         reference = next((c for c in here if c.key.method == base), None)
         if reference is None:
             continue

@@ -22,9 +22,9 @@ def length_notes(values: PaperValues) -> list[str]:
     return [f"The paper's values are of {steps:,} iterations: tables of that length print them."]
 
 
-def protocol_notes(mine: Sequence[Cell]) -> list[str]:
+def protocol_notes(selected: Sequence[Cell]) -> list[str]:
     """Say what was scored against what, over how many seeds, and which lines lack some."""
-    rows = finished_of(mine)
+    rows = finished_of(selected)
     seeds = sorted({int(row["seed"]) for row in rows})
     counts = sorted({len(held_out_views(row)) for row in rows} - {0})
     views = " or ".join(str(count) for count in counts) or "the"
@@ -41,8 +41,8 @@ def protocol_notes(mine: Sequence[Cell]) -> list[str]:
             f"truth; {many}. Protocol {PROTOCOL}."
         )
     ]
-    notes += _uneven(mine, seeds)
-    if {cell.key.background for cell in mine} >= {"original", "nobg"}:
+    notes += _uneven(selected, seeds)
+    if {cell.key.background for cell in selected} >= {"original", "nobg"}:
         notes.append(
             "Scores of No BG do not compare with Original: its white pixels come for free. "
             "The table of scores inside the mask compares them."
@@ -50,10 +50,10 @@ def protocol_notes(mine: Sequence[Cell]) -> list[str]:
     return notes
 
 
-def _uneven(mine: Sequence[Cell], seeds: Sequence[int]) -> list[str]:
+def _uneven(selected: Sequence[Cell], seeds: Sequence[int]) -> list[str]:
     """Name the lines that lack seeds which others have, and not because those failed."""
     found = []
-    for cell in mine:
+    for cell in selected:
         own = [int(row["seed"]) for row in cell.rows]
         if cell.finished and set(seeds) - set(own):
             finished = _listed(int(row["seed"]) for row in cell.finished)

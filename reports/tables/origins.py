@@ -53,12 +53,14 @@ def cpu_of(row: Row) -> str:
     return f"{origin.get('cpu') or '–'}{f' ({kind})' if kind else ''}"
 
 
-def shared_machine(mine: Sequence[Cell]) -> Origin | None:
+def shared_machine(selected: Sequence[Cell]) -> Origin | None:
     """Return the machine whose times of these cells compare; None where no machine's do.
 
     It measured a row of every cell that has any; of several, the one that measured the most rows.
     """
-    measured = [Counter(machine_of(row) for row in cell.finished) for cell in mine if cell.finished]
+    measured = [
+        Counter(machine_of(row) for row in cell.finished) for cell in selected if cell.finished
+    ]
     everywhere = [m for m in sum(measured, Counter()) if all(m in counts for counts in measured)]
     return max(everywhere, key=lambda m: (sum(counts[m] for counts in measured), m), default=None)
 
@@ -70,30 +72,32 @@ def measured_on(machine: Origin, rows: Sequence[Row]) -> tuple[Row, ...]:
 
 def notes(rows: Sequence[Row]) -> list[str]:
     """Say what a reader must know of rows with several origins; empty for one."""
-    told = []
+    sentences = []
     finished = [row for row in rows if row["status"] == "finished"]
     codes = {_code(row) for row in finished}
     machines = {machine_of(row) for row in finished}
     if len(origins(rows)) > 1:
         parts = _counted(len(codes), "state of the code", "states of the code")
         parts += f" and {_counted(len(machines), 'kind of machine', 'kinds of machine')}"
-        told.append(f"These rows come from several runs: {parts}; the table Origins names them.")
+        sentences.append(
+            f"These rows come from several runs: {parts}; the table Origins names them."
+        )
     if len(machines) > 1:
-        told.append(
+        sentences.append(
             "Time, FPS and cost per stage were measured on different machines and do not compare "
             "between them; tables print those of one machine where it measured every line, and "
             "ratios of times and speeds only where both conditions ran on one."
         )
     for name in captures(finished):
-        mine = [row for row in finished if row["capture"] == name]
-        starts = {repr(_start(row)) for row in mine}
+        selected = [row for row in finished if row["capture"] == name]
+        starts = {repr(_start(row)) for row in selected}
         if len(starts) > 1:
-            told.append(
+            sentences.append(
                 f"{capture_name(name)}: experiments started from {len(starts)} different sets of "
                 "masks, poses or sparse points, so that a difference between conditions is not the "
                 "method's alone."
             )
-    return told
+    return sentences
 
 
 def origins_table(rows: Sequence[Row]) -> Table | None:
@@ -103,20 +107,22 @@ def origins_table(rows: Sequence[Row]) -> Table | None:
         return None
     differing = _differing(rows)
     groups = []
-    for number, mine in enumerate(found.values(), start=1):
-        origin = _provenance(mine[0])
+    for number, selected in enumerate(found.values(), start=1):
+        origin = _provenance(selected[0])
         versions = origin.get("versions") or {}
-        commits = dict.fromkeys(str(_provenance(row).get("git") or "–")[:DIGEST] for row in mine)
+        commits = dict.fromkeys(
+            str(_provenance(row).get("git") or "–")[:DIGEST] for row in selected
+        )
         texts = (
-            len(mine),
+            len(selected),
             str(origin.get("code_version") or "–")[:DIGEST],
             ", ".join(commits),
-            cpu_of(mine[0]),
-            ", ".join(sorted({str(_provenance(row).get("cores") or "–") for row in mine})),
+            cpu_of(selected[0]),
+            ", ".join(sorted({str(_provenance(row).get("cores") or "–") for row in selected})),
             origin.get("threads") or "–",
             ", ".join(f"{name} {versions.get(name, '–')}" for name in differing) or "the same",
         )
-        names = ", ".join(capture_name(name) for name in captures(mine))
+        names = ", ".join(capture_name(name) for name in captures(selected))
         line = Line(names, tuple(Entry(str(text)) for text in texts))
         groups.append(Group(f"Origin {number}", (line,)))
     heads = ("Experiments", "Code", "Commit", "CPU", "Cores", "Threads", "Libraries")

@@ -29,12 +29,12 @@ def promoted_table(rows: Sequence[Row], baselines: Sequence[Row]) -> Table | Non
     known: dict[CellKey, list[Row]] = {}
     for row in refused(baselines):
         known.setdefault(key_of(row), []).append(row)
-    mine = [cell for cell in cells(rows) if cell.finished and cell.key in known]
-    if not mine:
+    selected = [cell for cell in cells(rows) if cell.finished and cell.key in known]
+    if not selected:
         return None
     groups = [
         Group(label, tuple(_line(cell, known[cell.key]) for cell in members))
-        for label, members in by_capture(mine)
+        for label, members in by_capture(selected)
     ]
     heads = (*(f"{label} Δ" for _, label, _ in QUALITY), *(label for _, label in RATIOS))
     keys = (*(f"{key}_difference" for key, _, _ in QUALITY), *(f"{k}_ratio" for k, _ in RATIOS))

@@ -75,19 +75,19 @@ def quality_table(rows: Sequence[Row]) -> Table | None:
 
 def _incidents(rows: Sequence[Row]) -> list[str]:
     """Say, once per capture, which steps beyond the usual were taken and which views were lost."""
-    told: dict[str, None] = {}
+    sentences: dict[str, None] = {}
     for row in rows:
         registration, name = row.get("registration") or {}, capture_name(row["capture"])
         for step in registration.get("fallbacks") or ():
-            told[f"{name}: {step}."] = None
+            sentences[f"{name}: {step}."] = None
         for view in registration.get("lost") or ():
             counts = f"{view['keypoints']} key points, {view['masked']} of them in its mask"
             why = f": it {view['reason']}" if view.get("reason") else ""
-            told[f"{name}: {view['name']} was not registered{why}; it has {counts}."] = None
+            sentences[f"{name}: {view['name']} was not registered{why}; it has {counts}."] = None
         reason = (registration.get("agreement") or {}).get("none")
         if reason:
-            told[f"{name}: masks were not voted on: {reason}."] = None
-    return list(told)
+            sentences[f"{name}: masks were not voted on: {reason}."] = None
+    return list(sentences)
 
 
 def _count(number: object) -> Entry:
@@ -99,12 +99,12 @@ def _count(number: object) -> Entry:
 def _quality_entries(row: Row) -> tuple[Entry, ...]:
     registration = row.get("registration") or {}
     masks = row.get("masks") or {}
-    found, asked = registration.get("registered"), registration.get("views")
+    found, total = registration.get("registered"), registration.get("views")
     iou, keypoints = masks.get("mean_iou"), registration.get("keypoints") or {}
     matches = registration.get("matches") or {}
     missing = registration.get("missing") or []
     return (
-        HOLE if found is None else Entry(f"{found} of {asked}", value=found),
+        HOLE if found is None else Entry(f"{found} of {total}", value=found),
         Entry(str(len(missing)), value=len(missing)),
         _count(keypoints.get("original")),
         _count(keypoints.get("masked")),
@@ -119,10 +119,10 @@ def _quality_entries(row: Row) -> tuple[Entry, ...]:
 
 def cost_table(rows: Sequence[Row]) -> Table | None:
     """Seconds per stage as the run measured them, and the size of what came out."""
-    mine = [cell for cell in cells(rows) if any(row.get("seconds") for row in cell.finished)]
-    if not mine:
+    selected = [cell for cell in cells(rows) if any(row.get("seconds") for row in cell.finished)]
+    if not selected:
         return None
-    taken = {stage for row in finished_of(mine) for stage in row.get("seconds") or {}}
+    taken = {stage for row in finished_of(selected) for stage in row.get("seconds") or {}}
     shown = [Column(name, label, 0, "time") for name, label in STAGES.items() if name in taken]
     holes: list[str] = []
 
@@ -130,11 +130,11 @@ def cost_table(rows: Sequence[Row]) -> Table | None:
         return (row.get("seconds") or {}).get(key)
 
     groups = []
-    for label, members in by_capture(mine):
+    for label, members in by_capture(selected):
         lines = lines_of(members, shown, holes, condition_of, values_of)
         groups.append(Group(label, tuple(lines)))
-    threads = sorted({str((_provenance(row)).get("threads", "?")) for row in finished_of(mine)})
-    done = finished_of(mine)
+    threads = sorted({str((_provenance(row)).get("threads", "?")) for row in finished_of(selected)})
+    done = finished_of(selected)
     cpus = sorted({str(_provenance(row).get("cpu", "an unnamed CPU")) for row in done})
     notes = [
         *holes,

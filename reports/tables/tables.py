@@ -50,11 +50,13 @@ def capture_tables(rows: Sequence[Row], values: paper.PaperValues | None = None)
         key = cell.key
         settings.setdefault((key.capture, key.iterations, key.resolution), []).append(cell)
     out = []
-    for number, ((capture, iterations, resolution), mine) in enumerate(settings.items(), start=1):
+    for number, ((capture, iterations, resolution), selected) in enumerate(
+        settings.items(), start=1
+    ):
         title = f"{capture_name(capture)}: {iterations:,} iterations, longest side {resolution} px"
         beside = values if values.belong_to(iterations) else None
-        groups, holes, quoted = _paper_groups(mine, beside)
-        notes = [*holes, *protocol_notes(mine)]
+        groups, holes, quoted = _paper_groups(selected, beside)
+        notes = [*holes, *protocol_notes(selected)]
         if quoted:
             notes += paper_notes(values)
         name = f"table-{number}-{slug(capture.lower(), keep='-_.')}"
@@ -66,13 +68,13 @@ def capture_tables(rows: Sequence[Row], values: paper.PaperValues | None = None)
 
 
 def _paper_groups(
-    mine: Sequence[Cell], values: paper.PaperValues | None
+    selected: Sequence[Cell], values: paper.PaperValues | None
 ) -> tuple[list[Group], list[str], bool]:
     holes: list[str] = []
     groups = []
     quoted = False
-    for background in dict.fromkeys(cell.key.background for cell in mine):
-        members = [cell for cell in mine if cell.key.background == background]
+    for background in dict.fromkeys(cell.key.background for cell in selected):
+        members = [cell for cell in selected if cell.key.background == background]
         ours = lines_of(members, columns.PAPER, holes, lambda cell: method_name(cell.key.method))
         lines = []
         for cell, line in zip(members, ours, strict=True):
@@ -141,15 +143,15 @@ def _conditions_table(
     grouped: Callable[[Sequence[Cell]], list[tuple[str, list[Cell]]]] | None = None,
 ) -> Table | None:
     """One line per condition, grouped by capture; only the columns that some row has."""
-    mine = cells(rows)
-    known = {name for cell in mine for row in cell.finished for name in row["metrics"]}
+    selected = cells(rows)
+    known = {name for cell in selected for row in cell.finished for name in row["metrics"]}
     shown = [column for column in wanted if column.key in known]
     if not shown:
         return None
     holes: list[str] = []
     groups = [
         Group(label, tuple(lines_of(members, shown, holes, condition_of)))
-        for label, members in (grouped or by_capture)(mine)
+        for label, members in (grouped or by_capture)(selected)
     ]
     return make_table(name, title, shown, groups, [*holes, note], "Condition")
 
@@ -248,5 +250,5 @@ def make_table(
     """Make a table whose headings and keys are those of its columns."""
     heads = tuple(column.heading for column in shown)
     keys = tuple(column.key for column in shown)
-    told = (*notes, *_promoted_note(groups))
-    return Table(name, title, heads, keys, tuple(groups), told, first)
+    sentences = (*notes, *_promoted_note(groups))
+    return Table(name, title, heads, keys, tuple(groups), sentences, first)

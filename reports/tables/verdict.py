@@ -65,22 +65,22 @@ def overall(rows: Sequence[Row]) -> Verdict | None:
     rows = refused(rows)
     doubted = in_doubt(rows)
     rows = [row for row in rows if row["capture"] not in doubted]
-    mine = cells(rows)
+    selected = cells(rows)
     found: dict[tuple[str, str], list[Comparison]] = {}
     for name in captures(rows):
-        members = [cell for cell in mine if cell.key.capture == name]
+        members = [cell for cell in selected if cell.key.capture == name]
         for background in PREFERRED:
             for one in compare(members, background):
                 found.setdefault((background, one.method), []).append(one)
-    told = [
+    sentences = [
         _over_all(background, method, found[background, method])
         for background in PREFERRED
         for place, method in found
         if place == background and len(found[background, method]) > 1
     ]
-    if not told:
+    if not sentences:
         return None
-    return Verdict("", told[0], tuple(told[1:]))
+    return Verdict("", sentences[0], tuple(sentences[1:]))
 
 
 def _over_all(background: str, method: str, found: Sequence[Comparison]) -> str:
@@ -105,13 +105,13 @@ def _counts(gains: int, losses: int, doubtful: int) -> list[str]:
         (losses, "loses", " against "),
         (doubtful, "does not measurably differ", " from "),
     )
-    told = [kind for kind in kinds if kind[0]]
-    count, verb, preposition = told[0]
-    number = "all" if len(told) == 1 else f"{count} of"
+    present = [kind for kind in kinds if kind[0]]
+    count, verb, preposition = present[0]
+    number = "all" if len(present) == 1 else f"{count} of"
     first = (
         f"{verb}{preposition}{method_name(BASE)} on {number} {gains + losses + doubtful} captures"
     )
-    return [first, *(f"{verb} on {count}" for count, verb, _ in told[1:])]
+    return [first, *(f"{verb} on {count}" for count, verb, _ in present[1:])]
 
 
 def _and(parts: Sequence[str]) -> str:
@@ -121,9 +121,9 @@ def _and(parts: Sequence[str]) -> str:
 def verdicts(rows: Sequence[Row]) -> list[Verdict]:
     """Return one verdict per capture, in the order of the tables."""
     rows = refused(rows)
-    mine, doubted = cells(rows), in_doubt(rows)
+    selected, doubted = cells(rows), in_doubt(rows)
     found = [
-        _of_capture(name, [c for c in mine if c.key.capture == name]) for name in captures(rows)
+        _of_capture(name, [c for c in selected if c.key.capture == name]) for name in captures(rows)
     ]
     return [
         Verdict(one.capture, _doubted(one.capture, doubted[one.capture]), one.details)
@@ -137,31 +137,31 @@ def _doubted(name: str, why: str) -> str:
     return f"{capture_name(name)}: no verdict, for {why}."
 
 
-def _of_capture(name: str, mine: Sequence[Cell]) -> Verdict:
+def _of_capture(name: str, selected: Sequence[Cell]) -> Verdict:
     label = capture_name(name)
-    failed = [cell for cell in mine if not cell.finished]
-    found = [c for background in PREFERRED for c in compare(mine, background)]
+    failed = [cell for cell in selected if not cell.finished]
+    found = [c for background in PREFERRED for c in compare(selected, background)]
     details = [_detail(c) for c in found]
-    saved = _background_saving(mine)
+    saved = _background_saving(selected)
     details += [saved] if saved else []
     if failed:
         names = ", ".join(cell.key.condition for cell in failed)
         details.append(f"Failed: {names}; the notes under the table say why.")
     if not found:
-        what = "no condition finished" if len(failed) == len(mine) else "nothing to compare"
+        what = "no condition finished" if len(failed) == len(selected) else "nothing to compare"
         return Verdict(name, f"{label}: {what}.", tuple(details))
     background = found[0].background
-    told = [one for one in found if one.background == background][:IN_HEADLINE]
+    headlines = [one for one in found if one.background == background][:IN_HEADLINE]
     words = "; ".join(
         f"{method_name(one.method)} {_quality_words(one)} {method_name(BASE)}{_cost_words(one)}"
-        for one in told
+        for one in headlines
     )
     return Verdict(name, f"{label}: {WHERE[background]}, {words}.", tuple(details))
 
 
-def compare(mine: Sequence[Cell], background: str) -> list[Comparison]:
+def compare(selected: Sequence[Cell], background: str) -> list[Comparison]:
     """Compare every method of one capture and background with 3DGS."""
-    finished = [c for c in mine if c.key.background == background and c.finished]
+    finished = [c for c in selected if c.key.background == background and c.finished]
     base = next((c for c in finished if c.key.method == BASE), None)
     if base is None:
         return []
@@ -228,9 +228,9 @@ def _detail(found: Comparison) -> str:
     return f"{head}: {'; '.join([text, *parts])}."
 
 
-def _background_saving(mine: Sequence[Cell]) -> str:
+def _background_saving(selected: Sequence[Cell]) -> str:
     """Say what removing the background changes for plain 3DGS."""
-    base = {c.key.background: c for c in mine if c.key.method == BASE and c.finished}
+    base = {c.key.background: c for c in selected if c.key.method == BASE and c.finished}
     if base.keys() < {"original", "nobg"}:
         return ""
     size = ratio(base["nobg"], base["original"], "size_mb")

@@ -113,5 +113,5 @@ def read_curve(path: Path) -> list[dict[str, float]]:
         text = path.read_text(encoding="utf-8")
     except OSError:
         return []
-    whole = text[: text.rfind("\n") + 1].splitlines()
-    return [{key: float(value) for key, value in line.items()} for line in csv.DictReader(whole)]
+    complete = text[: text.rfind("\n") + 1].splitlines()
+    return [{key: float(value) for key, value in line.items()} for line in csv.DictReader(complete)]

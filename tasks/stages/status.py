@@ -80,7 +80,9 @@ class StatusFile:
         done = status.total if state in ("done", "cached") else status.done
         self._write(replace(status, state=state, done=done, note=note, updated=now))
 
-    def learn(self, title: str, stage: str, state: State, seconds: float, note: str = "") -> None:
+    def end_elsewhere(
+        self, title: str, stage: str, state: State, seconds: float, note: str = ""
+    ) -> None:
         """State how a stage ended on a machine whose status files are not seen here."""
         known = read(self.path)
         if known is None or known.state == "waiting":

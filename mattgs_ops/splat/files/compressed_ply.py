@@ -114,5 +114,5 @@ def _rotations(quaternions: Floats) -> Words:
 
 def _harmonics(found: Activated) -> NDArray[np.uint8]:
     channel_major = found.sh_rest.transpose(0, 2, 1).reshape(len(found.means), 3 * SH_REST)
-    whole = np.trunc((channel_major / SH_SPAN + 0.5) * 256)
-    return np.clip(whole, 0, 255).astype(np.uint8)
+    levels = np.trunc((channel_major / SH_SPAN + 0.5) * 256)
+    return np.clip(levels, 0, 255).astype(np.uint8)

@@ -55,8 +55,8 @@ def _fraction_bits(farthest: float, path: Path) -> int:
 
 def _positions(means: Floats, bits: int) -> bytes:
     mirrored = means * [1.0, -1.0, -1.0]
-    whole = np.floor(mirrored * 2**bits + 0.5).astype("<i4")
-    low = whole.reshape(-1, 1).view(np.uint8)[:, :3]  # the low three bytes of each
+    rounded = np.floor(mirrored * 2**bits + 0.5).astype("<i4")
+    low = rounded.reshape(-1, 1).view(np.uint8)[:, :3]  # the low three bytes of each
     return bytes(low.tobytes())
 
 
@@ -91,6 +91,6 @@ def _harmonics(values: Floats) -> NDArray[np.uint8]:
     out = np.empty(values.shape, dtype=np.uint8)
     for part, bits in ((slice(0, 3), DEGREE_1_BITS), (slice(3, SH_REST), REST_BITS)):
         step = 1 << (8 - bits)
-        whole = np.floor(values[:, part] * 128 + 0.5) + 128
-        out[:, part] = np.clip(np.floor((whole + step / 2) / step) * step, 0, 255)
+        rounded = np.floor(values[:, part] * 128 + 0.5) + 128
+        out[:, part] = np.clip(np.floor((rounded + step / 2) / step) * step, 0, 255)
     return out

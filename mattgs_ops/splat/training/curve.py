@@ -69,5 +69,5 @@ def _rows_until(path: Path, step: int) -> list[list[str]]:
     with path.open(newline="", encoding="utf-8") as file:
         rows = list(csv.reader(file))[1:]
     # a killed process may have left half a line at the end
-    whole = [row for row in rows if len(row) == len(fields(CurveRow))]
-    return [row for row in whole if int(row[0]) <= step]
+    complete = [row for row in rows if len(row) == len(fields(CurveRow))]
+    return [row for row in complete if int(row[0]) <= step]

@@ -32,8 +32,8 @@ def test_what_was_there_before_can_be_put_back(tmp_path: Path) -> None:
 def test_only_what_is_not_seen_here_is_learnt(tmp_path: Path) -> None:
     here, elsewhere = StatusFile(tmp_path / "here.json"), StatusFile(tmp_path / "there.json")
     here.begin("sfm a", "sfm")
-    here.learn("sfm a", "sfm", "failed", 0.0, "lost")
-    elsewhere.learn("train a", "train", "done", 12.5)
+    here.end_elsewhere("sfm a", "sfm", "failed", 0.0, "lost")
+    elsewhere.end_elsewhere("train a", "train", "done", 12.5)
     states = {status.title: status.state for status in read_all(tmp_path)}
     assert states == {"sfm a": "running", "train a": "done"}
     learnt = read(elsewhere.path)

@@ -27,16 +27,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mattgs_ops.capture.masks import SoftMap
+from mattgs_ops.capture.masks import SoftMap, clean
 from mattgs_ops.object_masks.silhouettes import Silhouettes, iou
 from mattgs_ops.object_masks.splat_votes import Votes
 
 HALF = 0.5  # from here on a map says object
 EDGE = 0.02  # of the range, per pixel: five grey levels; sensors and JPEG stay below
 EDGE_REACH = 2  # pixels, at the size of the answers, between an outline and the photo's edge
-# Outlines are coarse: some of each runs beside the photo's edges. More than a tenth fewer on an
-# edge than of the outline that it would replace is not that.
-UNCONFIRMED = 0.1
+# Outlines are coarse, and fur has no edge: some of each runs beside the photo's edges. A quarter
+# more of it than of the outline that it would replace is not that.
+UNCONFIRMED = 0.25
 MOST_ATTACHED = 0.5  # of the area that the votes are sure of: what adds more is no correction
 NO_COUNTS = 2.0  # times a yes, of silhouettes
 COARSE = 2 / 128  # of the longest side: two pixels of those that silhouettes are compared at
@@ -178,13 +178,15 @@ def _fused(
     for mine, other, answer in zip(own, others, voted, strict=True):
         heard = outlines * np.where(other < HALF, NO_COUNTS, 1.0)
         mean = (itself * mine + heard * other + splats * answer) / (itself + heard + splats)
-        fused.append(np.where(_near_outline(mine >= HALF), mine, mean).astype(np.float32))
+        # where the mean takes a whole part away, the part's outline goes with it
+        near = _near_outline(mine >= HALF) & _near_outline(mean >= HALF, 2 * COARSE)
+        fused.append(np.where(near, mine, mean).astype(np.float32))
     return fused
 
 
-def _near_outline(mask: Bits) -> Bits:
-    """Return the pixels [H, W] closer to a mask's outline than silhouettes can tell."""
-    reach = max(1, round(COARSE * max(mask.shape)))
+def _near_outline(mask: Bits, share: float = COARSE) -> Bits:
+    """Return the pixels [H, W] closer to a mask's outline than a share of the longest side."""
+    reach = max(1, round(share * max(mask.shape)))
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
     binary = mask.astype(np.uint8)
     grown, shrunk = cv2.dilate(binary, disc), cv2.erode(binary, disc, borderValue=1)
@@ -215,11 +217,12 @@ def _confirmed(maps: Sequence[SoftMap], edges: Sequence[Bits]) -> float:
 def _on_edge(mask: Bits, edges: Bits) -> float:
     """Return the share of a mask's outline that lies on edges; 0 where there is no outline.
 
-    Where the mask leaves the photo there is no outline.
+    The mask is cleaned first, as masks are that are delivered. Where it leaves the photo there is
+    no outline.
     """
-    binary = mask.astype(np.uint8)
+    binary = clean(np.where(mask, 255, 0).astype(np.uint8))
     inside = cv2.erode(binary, np.ones((3, 3), np.uint8), borderType=cv2.BORDER_REPLICATE)
-    outline = mask & (inside == 0)
+    outline = (binary > 0) & (inside == 0)
     return float(edges[outline].mean()) if outline.any() else 0.0
 
 

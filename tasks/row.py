@@ -29,6 +29,7 @@ ARTIFACT_NAMES = {
     "train": "train",
     "evaluate": "evaluate",
 }
+EXPOSURES_FILE = "exposures.json"  # mattgs_ops/splat/exposure.py, which takes seconds to import
 Row = dict[str, Any]
 
 
@@ -226,11 +227,17 @@ def _masks(folder: Path) -> dict[str, Any]:
 
 
 def _warnings(place: Place, artifacts: Mapping[str, Artifact]) -> list[dict[str, Any]]:
-    """Return what is in doubt of the capture's masks: ``about``, ``text`` and ``serious`` each."""
+    """Return what is in doubt of masks, poses and photos: ``about``, ``text``, ``serious`` each."""
     masks = place.folder(artifacts.get("agree", artifacts["segment"]))
     solved = "sfm" in artifacts
     extra = _read(place.folder(scene_of(artifacts)) / "scene.json")["extra"] if solved else {}
-    return [asdict(one) for one in doubts.found(MaskReport.load(masks / "masks.json"), extra)]
+    found = doubts.found(MaskReport.load(masks / "masks.json"), extra)
+    serious = bool(extra.get("poses_in_doubt"))
+    found += [doubts.Doubt("poses", text, serious) for text in extra.get("warnings") or ()]
+    exposures = "train" in artifacts and place.folder(artifacts["train"]) / EXPOSURES_FILE
+    if exposures and exposures.is_file():
+        found += doubts.of_exposure(_read(exposures)["spread"])
+    return [asdict(one) for one in found]
 
 
 def _registration(folder: Path) -> dict[str, Any]:

@@ -15,12 +15,13 @@ from mattgs_ops.segment.mask_report import FRAME_SHARE, MaskReport
 # Two masks whose IoU is below a half differ in more than they share.
 CONTRADICT = 0.5
 MANY = 0.5  # of the views: a flag that more than half of them carry is the capture's
+DIFFERENT_EXPOSURE = 2**0.5  # half a stop: cameras set exposure in steps of thirds
 NAMED = 5  # views named in one sentence
 
 
 @dataclass(frozen=True)
 class Doubt:
-    """A sentence about a capture's ``about`` (masks, here); ``serious`` ones forbid a verdict."""
+    """A sentence about masks, poses or exposure (``about``); ``serious`` ones forbid a verdict."""
 
     about: str
     text: str
@@ -37,6 +38,17 @@ def found(report: MaskReport, extra: Mapping[str, Any]) -> list[Doubt]:
         text = f"no object was found in {_named(dropped)}: nothing is trained or scored there"
         doubts.append(Doubt("masks", text, False))
     return doubts
+
+
+def of_exposure(spread: float) -> list[Doubt]:
+    """Return what to say of photos whose brightness differs by a factor of up to ``spread``."""
+    if spread < DIFFERENT_EXPOSURE:
+        return []
+    text = (
+        f"photos differ in brightness by a factor of up to {spread:.1f}: compare colour-corrected "
+        "scores, as plain ones count a test photo's own exposure"
+    )
+    return [Doubt("exposure", text, False)]
 
 
 def _contradictions(agreement: Mapping[str, Any]) -> list[str]:

@@ -14,6 +14,8 @@ from mattgs_ops.capture.scene import PreparedCapture
 from mattgs_ops.sfm.colmap.job import Answer
 
 FEW_KEYPOINTS = 60  # COLMAP places an image on 30 inliers; twice as many are the least to hope for
+# Below this share of the views a second attempt is made, and what comes out is still in doubt.
+MOST_VIEWS = 0.95
 MOST_NAMED = 3  # partners in one reason
 MOST_LISTED = 8  # views in one warning
 
@@ -70,17 +72,22 @@ def warnings(capture: PreparedCapture, answer: Answer) -> list[str]:
     listed = "; ".join(f"{view.name} {view.reason}" for view in lost[:MOST_LISTED])
     more = f"; and {len(lost) - MOST_LISTED} more" if len(lost) > MOST_LISTED else ""
     first = (
-        f"{len(lost)} of {total} views have no camera ({held_out} of them held out): nothing was "
-        f"trained or scored there. {listed}{more}"
+        f"only {total - len(lost)} of {total} views have a camera; nothing is trained or scored at "
+        f"the others, {held_out} of them held out: {listed}{more}"
     )
     out = [first]
     for group in second_groups(answer):
         names = ", ".join(group[:MOST_LISTED]) + (", …" if len(group) > MOST_LISTED else "")
         out.append(
-            f"{len(group)} views form a second group that nothing ties to the first: {names}. Take "
+            f"{len(group)} views form a second group that nothing ties to the first: {names}; take "
             "photos between the two, or run them as a capture of their own"
         )
     return out
+
+
+def in_doubt(capture: PreparedCapture, answer: Answer) -> bool:
+    """Say whether too few views were placed for a verdict on this capture."""
+    return len(answer.registered) < MOST_VIEWS * len(capture.views)
 
 
 def _reason(

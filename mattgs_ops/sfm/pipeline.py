@@ -181,6 +181,7 @@ def _report(
         "missing": [view.to_json() for view in lost_views.lost_views(capture, answer)],
         "second_groups": lost_views.second_groups(answer),
         "warnings": lost_views.warnings(capture, answer),
+        "poses_in_doubt": lost_views.in_doubt(capture, answer),
         "empty_masks": empty,
         "dropped": empty,  # until other views lend them a mask
         "models": answer.models,

@@ -1,5 +1,6 @@
 """What identifies an experiment: what was asked for, not what the code happens to default to."""
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -7,8 +8,10 @@ import pytest
 
 from mattgs_ops.config import NO_RESULT, BenchmarkConfig
 from mattgs_ops.method import METHODS, MethodConfig
-from tasks.row import config_digest, settings
-from tasks.stages.stage import Cell
+from mattgs_ops.store.keys import stage_key
+from mattgs_ops.store.store import Store
+from tasks.row import _warnings, config_digest, settings
+from tasks.stages.stage import Artifact, Cell, Place
 
 CELL = Cell("rover", "nobg-ours", 0)
 
@@ -63,3 +66,27 @@ def test_another_default_of_a_method_is_code_not_configuration(
     assert digest() == before
     recorded = settings(BenchmarkConfig(), CELL)["method_settings"]
     assert recorded["weighting"] == "residual", "the registry still shows what was done"
+
+
+def put(place: Place, stage: str, files: dict[str, Any]) -> Artifact:
+    key = stage_key(stage, "test", {}, {})
+    with Store(place.store).stage(key) as slot:
+        for name, content in files.items():
+            (slot.work / name).write_text(json.dumps(content))
+        done = slot.finish({"seconds": 1.0})
+    return Artifact(stage, done.key, done.digest, 1.0, cached=False)
+
+
+@pytest.mark.parametrize("doubtful", [True, False])
+def test_lost_views_and_unlike_exposures_travel_with_the_row(place: Place, doubtful: bool) -> None:
+    masks = {"source": "u2net", "refine": "none", "model": None, "views": [], "mean_iou": None}
+    extra = {"warnings": ["only 9 of 14 views have a camera"], "poses_in_doubt": doubtful}
+    artifacts = {
+        "segment": put(place, "segment", {"masks.json": masks}),
+        "sfm": put(place, "sfm", {"scene.json": {"extra": extra, "views": []}}),
+        "train": put(place, "train", {"exposures.json": {"spread": 2.0, "photos": {}}}),
+    }
+    poses, exposure = _warnings(place, artifacts)
+    assert (poses["about"], poses["serious"]) == ("poses", doubtful)
+    assert poses["text"] == "only 9 of 14 views have a camera"
+    assert (exposure["about"], exposure["serious"]) == ("exposure", False)

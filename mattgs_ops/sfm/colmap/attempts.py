@@ -20,12 +20,11 @@ from mattgs_ops.sfm.colmap import features, guided_matching, mapping, matching
 from mattgs_ops.sfm.colmap.features import Features
 from mattgs_ops.sfm.colmap.job import DATABASE_FILE, KEYPOINTS_FILE, MODEL_FOLDER, Answer, Job
 from mattgs_ops.sfm.colmap.matching import Matches, Pair, Verified, partners
+from mattgs_ops.sfm.lost_views import MOST_VIEWS
 
 # Each step's share of the work, for one bar over all of them (measured at 48 views, 640×480)
 SHARES = {"extract": 0.3, "match": 0.5, "map": 0.1, "guide": 0.07, "triangulate": 0.03}
 UNITS = 1000
-# Below this share of registered views, a second attempt is made with more key points:
-MOST_VIEWS = 0.95
 MORE = 2  # times as many are kept, and fainter ones are sought
 
 Pairs = dict[Pair, Verified]

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from mattgs_ops.object_masks.doubts import found
+from mattgs_ops.object_masks.doubts import found, of_exposure
 from mattgs_ops.segment.mask_report import MaskReport, ViewReport
 
 GOOD = {"silhouettes": 0.8, "votes": 0.9, "overlap": {"a": 0.9, "b": 0.7}}
@@ -56,3 +56,10 @@ def test_a_dropped_view_is_told_and_no_reason_for_doubt() -> None:
     (doubt,) = found(report(), {"agreement": GOOD, "dropped": ["7.jpg"]})
     assert not doubt.serious
     assert "7.jpg" in doubt.text
+
+
+def test_photos_of_other_exposures_are_told_without_forbidding_a_verdict() -> None:
+    assert of_exposure(1.3) == []
+    (one,) = of_exposure(2.04)
+    assert (one.about, one.serious) == ("exposure", False)
+    assert "factor of up to 2.0: compare colour-corrected scores" in one.text

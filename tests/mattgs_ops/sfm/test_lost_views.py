@@ -14,7 +14,7 @@ from mattgs_ops.config import SfmConfig
 from mattgs_ops.errors import StageError
 from mattgs_ops.sfm.colmap.job import Answer
 from mattgs_ops.sfm.colmap.matching import partners
-from mattgs_ops.sfm.lost_views import lost_views, second_groups, warnings
+from mattgs_ops.sfm.lost_views import in_doubt, lost_views, second_groups, warnings
 from mattgs_ops.sfm.pipeline import _require
 from tests.mattgs_ops.conftest import HEIGHT, WIDTH, cast, orbit, print_texture
 
@@ -67,14 +67,17 @@ def test_each_lost_view_has_its_own_reason() -> None:
 def test_a_second_group_is_told_and_how_to_join_it() -> None:
     assert second_groups(answer_of()) == [["g.jpg", "h.jpg"]]
     first, second = warnings(capture_of(NAMES), answer_of())
-    assert first.startswith("4 of 8 views have no camera (1 of them held out)")
+    assert first.startswith("only 4 of 8 views have a camera; nothing is trained or scored at")
+    assert "1 of them held out: " in first
     assert "e.jpg shows only 41 key points" in first
     assert second.startswith("2 views form a second group that nothing ties to the first: g.jpg")
-    assert "Take photos between the two" in second
+    assert "take photos between the two" in second
 
 
 def test_nothing_is_said_where_all_views_were_placed() -> None:
     assert warnings(capture_of(NAMES), answer_of(registered=NAMES)) == []
+    assert not in_doubt(capture_of(NAMES), answer_of(registered=NAMES))
+    assert in_doubt(capture_of(NAMES), answer_of(registered=NAMES[1:]))
 
 
 def test_too_few_views_fail_with_the_reasons() -> None:
@@ -110,4 +113,5 @@ def test_photos_of_two_scenes_are_two_groups(two_scenes: PreparedCapture, tmp_pa
     assert extra["registered"] == 9
     assert extra["second_groups"] == [[f"other_{k}.jpg" for k in range(5)]]
     assert all("second group" in view["reason"] for view in extra["missing"])
-    assert extra["warnings"][0].startswith("5 of 14 views have no camera (0 of them held out)")
+    assert extra["warnings"][0].startswith("only 9 of 14 views have a camera")
+    assert extra["poses_in_doubt"]

@@ -1,4 +1,4 @@
-"""Commands on results: ``mattgs promote``, ``mattgs export`` and ``mattgs view``.
+"""Commands on results: ``mattgs report``, ``ui``, ``promote``, ``export`` and ``view``.
 
 Light at the top, as ``flows/cli/app.py``, which registers them.
 """
@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from flows.cli.arguments import DEFAULT_OUT, Out
+from mattgs_ops.errors import InputError
 
 RUN = "A run: its id, the beginning of its id, or its name in `mattgs ui`"
 Run = Annotated[str, typer.Argument(help=f"{RUN}.")]
@@ -19,9 +20,61 @@ RunOrPly = Annotated[
 
 def register(app: typer.Typer) -> None:
     """Add the commands to ``app``."""
+    app.command()(report)
+    app.command()(ui)
     app.command()(promote)
     app.command()(export)
     app.command()(view)
+
+
+def report(
+    what: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="BENCHMARK_OR_ROWS...",
+            help="Name of a benchmark that was run; or rows.json files that are parts of one.",
+        ),
+    ],
+    config: Annotated[
+        Path | None,
+        typer.Option(
+            help="With rows files: the benchmark's TOML file. The report then says what of its "
+            "grid is missing."
+        ),
+    ] = None,
+    paper_values: Annotated[
+        Path | None, typer.Option(help="The paper's own values as a TOML file, to print beside.")
+    ] = None,
+    out: Out = DEFAULT_OUT,
+) -> None:
+    """Build a benchmark's report again: from what MLflow holds, or from files of rows.
+
+    Rows files may come from several runs and machines; what does not belong together is refused.
+    """
+    if any(name.endswith(".json") for name in what):
+        from flows.results.compile_report import compile_report
+
+        files = [Path(name) for name in what]
+        made = compile_report(files, out.resolve(), config, paper_values)
+    else:
+        from flows.results.rebuild import rebuild_report
+
+        if len(what) > 1 or config is not None:
+            raise InputError(
+                "report: expected the name of one benchmark, or rows.json files (with --config)"
+            )
+        made = rebuild_report(what[0], out.resolve(), paper_values)
+    typer.echo(f"Report: {made}")
+
+
+def ui(
+    out: Out = DEFAULT_OUT,
+    port: Annotated[int, typer.Option(help="Port on this machine.")] = 5000,
+) -> None:
+    """Look at all runs in MLflow's web interface, until Ctrl-C."""
+    from flows.services.mlflow_ui import serve
+
+    serve(out.resolve(), port)
 
 
 def promote(

@@ -43,7 +43,14 @@ ROOMS = {
 }
 # the only modules that talk to MLflow: the registry, and the model flavour that MLflow itself loads
 MLFLOW_SPEAKERS = {"tasks/registry", "tasks/splat_model.py"}
-MOST_LINES = 340
+OTHER_CODE = ("tests", "benchmarks")  # that keeps to the same sizes
+MOST_LINES = 300
+# still to be split
+GROWN = {
+    "tasks/registry/runs.py",
+    "tests/reports/gate/test_broken_code.py",
+    "tests/reports/gate/test_compare.py",
+}
 MOST_FILES = 12  # of one folder, its sub-packages not counted
 
 
@@ -98,15 +105,16 @@ def test_only_the_registry_talks_to_mlflow() -> None:
                 assert name.startswith(tuple(MLFLOW_SPEAKERS)), name
 
 
-@pytest.mark.parametrize("package", sorted(FORBIDDEN))
+@pytest.mark.parametrize("package", [*sorted(FORBIDDEN), *OTHER_CODE])
 def test_modules_stay_small_and_are_named_for_what_they_do(package: str) -> None:
     for path in modules(package):
         lines = len(path.read_text(encoding="utf-8").splitlines())
-        assert lines <= MOST_LINES, f"{path}: {lines} lines; one stage, one file, about 300 lines"
+        grown = path.relative_to(ROOT).as_posix() in GROWN
+        assert lines <= MOST_LINES or grown, f"{path}: {lines} lines; one stage, one file"
         assert path.stem not in {"utils", "util", "helpers", "common", "misc"}, path
 
 
-@pytest.mark.parametrize("package", sorted(FORBIDDEN))
+@pytest.mark.parametrize("package", [*sorted(FORBIDDEN), *OTHER_CODE])
 def test_folders_stay_small(package: str) -> None:
     for folder in {path.parent for path in modules(package)}:
         files = sorted(path.name for path in folder.glob("*.py"))

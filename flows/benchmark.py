@@ -57,7 +57,7 @@ def benchmark(config: BenchmarkConfig, out: Path, tracking_uri: str) -> Path:
     Returns the report's path. Raises :class:`ExperimentsFailedError`, after everything was
     written, when an experiment has failed.
     """
-    place = Place(out, config.name, config.run)
+    place = Place(out, config.name, config.run, len(config.captures))
     close_orphans(tracking_uri, config.name)
     chains = [chain for capture in config.captures for chain in _submit(place, capture, config)]
     outcomes: list[Outcome] = []

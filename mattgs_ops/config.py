@@ -172,6 +172,10 @@ class RunConfig(Frozen):
     )
 
 
+# Scoring all of 42 training views takes as long as a third of a training of 1,000 iterations
+QUICK_ITERATIONS, QUICK_TRAIN_VIEWS = 2000, 7
+
+
 class BenchmarkConfig(Frozen):
     """A grid of experiments: captures × conditions × seeds."""
 
@@ -181,6 +185,12 @@ class BenchmarkConfig(Frozen):
     seeds: tuple[int, ...] = (0,)
     iterations: int = Field(1000, ge=1)
     resolution: int = Field(320, ge=16, description="longest side of training views, pixels")
+    train_views: int = Field(
+        0,
+        ge=0,
+        description="training views that are scored beside all held-out ones, evenly spread; 0: "
+        "all, and 7 in trainings of up to 2,000 iterations",
+    )
     test_every: int = Field(8, ge=2, description="every 8th view by sorted name is held out")
     segment: SegmentConfig = SegmentConfig()
     sfm: SfmConfig = SfmConfig()
@@ -221,6 +231,13 @@ class BenchmarkConfig(Frozen):
             return self.train
         own = next(c for c in self.captures if c.name == capture).path is not None
         return self.train.model_copy(update={"exposure": "affine" if own else "off"})
+
+    @property
+    def scored_train_views(self) -> int | None:
+        """Return how many training views are scored, None for all."""
+        if self.train_views:
+            return self.train_views
+        return QUICK_TRAIN_VIEWS if self.iterations <= QUICK_ITERATIONS else None
 
     def method(self, name: str) -> MethodConfig:
         """Return the settings of a method; raises ValueError naming the known ones."""

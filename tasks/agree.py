@@ -14,6 +14,7 @@ def agree(place: Place, name: str, prepared: Artifact, scene: Artifact) -> Artif
         title=f"agree {name}",
         operation="tasks.agree:operate",
         imports=("mattgs_ops.object_masks.cross_view",),
+        spreads=True,
         parameters={},
         inputs={"capture": prepared.digest, "scene": scene.digest},
         arguments={"capture": str(place.folder(prepared)), "scene": str(place.folder(scene))},

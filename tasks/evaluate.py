@@ -16,6 +16,7 @@ def evaluate(
         "condition": cell.condition,
         "resolution": config.resolution,
         "ssim_lambda": config.train.ssim_lambda,
+        "train_views": config.scored_train_views,
     }
     stage = Stage(
         name="evaluate",
@@ -36,14 +37,17 @@ def operate(arguments: dict[str, Any], out: Path, threads: int, progress: Progre
     from mattgs_ops.score.evaluate import render_views, score
     from mattgs_ops.splat.training.report import TrainingReport
 
-    splats = Path(arguments["splats"])
+    splats, scene = Path(arguments["splats"]), Scene.load(Path(arguments["scene"]))
+    sample = arguments["train_views"]
+    every = 1 if sample is None else max(1, -(-len(scene.registered("train")) // sample))
     render_views(
-        Scene.load(Path(arguments["scene"])),
+        scene,
         splats / "splats.ply",
         Condition.parse(arguments["condition"]),
         arguments["resolution"],
         out,
         background=TrainingReport.load(splats).background,
+        train_every=every,
         threads=threads,
         progress=progress,
     )

@@ -13,7 +13,7 @@ def prepare(place: Place, capture: CaptureConfig, config: BenchmarkConfig) -> Ar
     """Return the prepared capture; raises :class:`InputError` listing all that is wrong with it.
 
     Runs where the photos are. The key holds the contents of every file of the capture, so a
-    changed photo is seen and an unchanged folder that moved is not.
+    changed photo is seen, and an unchanged folder that moved or is called otherwise is not.
     """
     stage = Stage(
         name="prepare",
@@ -21,7 +21,6 @@ def prepare(place: Place, capture: CaptureConfig, config: BenchmarkConfig) -> Ar
         operation="tasks.prepare:operate",
         imports=("mattgs_ops.capture.prepare",),
         parameters={
-            "name": capture.name,
             "kind": capture.kind,
             "bundled": capture.path is None,
             "frames": capture.frames,

@@ -51,7 +51,16 @@ def settings(config: BenchmarkConfig, cell: Cell) -> dict[str, Any]:
     capture = next(c for c in config.captures if c.name == cell.capture)
     model = config.segment.model
     values = config.model_dump(
-        mode="json", include={"iterations", "resolution", "test_every", "segment", "sfm", "train"}
+        mode="json",
+        include={
+            "iterations",
+            "resolution",
+            "test_every",
+            "segment",
+            "sfm",
+            "train",
+            "train_views",
+        },
     )
     values["train"]["exposure"] = config.train_settings(cell.capture).exposure
     values["segment"]["model"] = "bundled" if model is None else file_digest(model)
@@ -184,7 +193,9 @@ def config_digest(config: BenchmarkConfig, cell: Cell) -> str:
     """
     requested = settings(config, cell)
     changed = config.model_dump(
-        mode="json", include={"test_every", "segment", "sfm", "train"}, exclude_defaults=True
+        mode="json",
+        include={"test_every", "segment", "sfm", "train", "train_views"},
+        exclude_defaults=True,
     )
     for name in NO_RESULT:
         changed.get("train", {}).pop(name, None)

@@ -18,6 +18,7 @@ def sfm(
         title=f"sfm {name}",
         operation="tasks.sfm:operate",
         imports=("mattgs_ops.sfm",),
+        spreads=True,
         parameters=config.model_dump(mode="json"),
         inputs={"capture": prepared.digest, "masks": masks.digest},
         arguments={

@@ -30,12 +30,12 @@ def run_benchmark(config: BenchmarkConfig, out: Path) -> bool:
     console = Console(soft_wrap=True)
     out.mkdir(parents=True, exist_ok=True)
     embedded.quieten(out)
-    place = Place(out, config.name, config.run)
+    place = Place(out, config.name, config.run, len(config.captures))
     if config.run.store is not None:
         RemoteStore(config.run.store).check()
     count = _plan(place, config)
     with in_use(Store(place.store)), embedded.Starting(out, config.run) as starting:
-        with terminal.watch(place.status, count, console):
+        with terminal.watch(place.status, count, console, embedded.worker_count(config.run)):
             _prepare_all(place, config)
             report, complete = _run_flow(config, out, starting.ready())
         _print_end(place, report, console, time.monotonic() - began)

@@ -2,7 +2,8 @@
 
 Reads the status files (``tasks/stages/status.py``) a few times a second. On a terminal: one bar
 for the whole benchmark and one for each running stage. Elsewhere (a log file, CI): a line when a
-stage ends and a line about what is running every :data:`LINE_SECONDS`.
+stage ends and a line about what is running every :data:`LINE_SECONDS`. Both say how many minutes
+are left.
 """
 
 import threading
@@ -21,6 +22,7 @@ from rich.progress import (
     TimeElapsedColumn,
 )
 
+from flows.cli.time_left import in_words, seconds_left
 from mattgs_ops.progress import Progress as Report
 from tasks.stages import status
 from tasks.stages.status import Status
@@ -31,12 +33,13 @@ MARKS = {"done": "✓", "cached": "=", "failed": "✗"}
 
 
 @contextmanager
-def watch(folder: Path, total: int, console: Console) -> Iterator[None]:
+def watch(folder: Path, total: int, console: Console, lanes: int = 1) -> Iterator[None]:
     """Show what happens below the status folder until the block ends.
 
-    ``total`` is the number of stages that the benchmark has.
+    ``total`` is the number of stages that the benchmark has, ``lanes`` how many run at a time.
     """
-    view: _Bars | _Lines = _Bars(console, total) if console.is_terminal else _Lines(console, total)
+    kind = _Bars if console.is_terminal else _Lines
+    view: _Bars | _Lines = kind(console, total, lanes)
     ended = threading.Event()
 
     def follow() -> None:
@@ -111,9 +114,10 @@ class _News:
 class _Lines:
     """Plain lines, few of them."""
 
-    def __init__(self, console: Console, total: int) -> None:
+    def __init__(self, console: Console, total: int, lanes: int) -> None:
         self._console = console
         self._total = total
+        self._lanes = lanes
         self._news = _News()
         self._began = self._last = time.monotonic()
 
@@ -130,7 +134,8 @@ class _Lines:
         if time.monotonic() - self._last >= LINE_SECONDS:
             running = [_running(s) for s in stages if s.state == "running"]
             if running:
-                self._print(f"{done:3d}/{self._total} … {'; '.join(running)}")
+                left = in_words(seconds_left(stages, self._lanes, time.time()))
+                self._print(f"{done:3d}/{self._total} … {'; '.join([*running, left]).rstrip('; ')}")
             self._last = time.monotonic()
 
     def _print(self, text: str) -> None:
@@ -158,9 +163,10 @@ def _progress_bar(console: Console) -> Progress:
 class _Bars:
     """Progress bars; ends of stages scroll by above them."""
 
-    def __init__(self, console: Console, total: int) -> None:
+    def __init__(self, console: Console, total: int, lanes: int) -> None:
         self._progress = _progress_bar(console)
         self._console = console
+        self._lanes = lanes
         self._news = _News()
         self._whole = self._progress.add_task("benchmark", total=total, note="")
         self._bars: dict[str, TaskID] = {}
@@ -175,7 +181,9 @@ class _Bars:
         for one in self._news.of(stages):
             style = "red" if one.state == "failed" else None
             self._console.print(sentence(one), style=style, markup=False, highlight=False)
-        self._progress.update(self._whole, completed=sum(s.state in MARKS for s in stages))
+        ended = sum(s.state in MARKS for s in stages)
+        left = in_words(seconds_left(stages, self._lanes, time.time()))
+        self._progress.update(self._whole, completed=ended, note=left)
         running = {s.title: s for s in stages if s.state == "running"}
         for title in [t for t in self._bars if t not in running]:
             self._progress.remove_task(self._bars.pop(title))

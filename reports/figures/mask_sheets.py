@@ -41,7 +41,7 @@ def sheet(rows: Sequence[Row], capture: str, root: Path | None, folder: Path) ->
     ]
     if not drawn:
         return None
-    caption = _caption(scene, min(MOST, len(drawn)), flags, place)
+    caption = _caption(capture, scene, min(MOST, len(drawn)), flags, place)
     return draw(drawn, flags, folder, f"figure-masks-{capture}", caption)
 
 
@@ -70,7 +70,9 @@ def draw(
     return save(figure, folder, slug, caption, pictorial=True)
 
 
-def _caption(scene: Scene, drawn: int, flags: dict[str, tuple[str, ...]], place: Path) -> str:
+def _caption(
+    capture: str, scene: Scene, drawn: int, flags: dict[str, tuple[str, ...]], place: Path
+) -> str:
     """Say whose masks these are, and list every flag."""
     source = MaskReport.load(place / "masks.json").source if _has_report(place) else ""
     agreement = scene.extra.get("agreement") or {}
@@ -81,7 +83,7 @@ def _caption(scene: Scene, drawn: int, flags: dict[str, tuple[str, ...]], place:
     shown = f"{drawn} of {len(scene.views)} photos" if drawn < len(scene.views) else "all photos"
     told = "; ".join(f"{name}: {', '.join(found)}" for name, found in flags.items() if found)
     return (
-        f"{capture_name(scene.name)}. Outlines of the masks, {shown}. Masks {whose}. "
+        f"{capture_name(capture)}. Outlines of the masks, {shown}. Masks {whose}. "
         f"{f'Flags: {told}.' if told else 'No photo carries a flag.'}"
     )
 

@@ -26,8 +26,8 @@ OTHERS = stat.S_IRWXG | stat.S_IRWXO  # what others may do, none of which is wan
 @contextmanager
 def busy() -> Iterator[None]:
     """Work beside others, but not while somebody measures."""
-    with _locked("gate", fcntl.LOCK_EX):
-        work = _locked("work", fcntl.LOCK_SH)
+    with locked("gate", fcntl.LOCK_EX):
+        work = locked("work", fcntl.LOCK_SH)
         work.__enter__()
     try:
         yield
@@ -38,7 +38,7 @@ def busy() -> Iterator[None]:
 @contextmanager
 def alone() -> Iterator[None]:
     """Wait until every running stage has ended, and keep others from starting."""
-    with _locked("gate", fcntl.LOCK_EX), _locked("work", fcntl.LOCK_EX):
+    with locked("gate", fcntl.LOCK_EX), locked("work", fcntl.LOCK_EX):
         yield
 
 
@@ -47,7 +47,8 @@ def _folder() -> Path:
 
 
 @contextmanager
-def _locked(name: str, kind: int) -> Iterator[None]:
+def locked(name: str, kind: int) -> Iterator[None]:
+    """Hold the machine's lock of that name; ``kind`` as for ``flock``, whose errors are raised."""
     with _opened(_folder()) as folder:
         flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
         try:

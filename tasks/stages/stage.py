@@ -7,8 +7,8 @@ do it at once; an interrupted one goes on in its work folder. What passes betwee
 
 import os
 import time
-from collections.abc import Mapping
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -20,7 +20,7 @@ from mattgs_ops.store import provenance
 from mattgs_ops.store.code_version import STAGES, code_version
 from mattgs_ops.store.keys import stage_key
 from mattgs_ops.store.store import Finished, Slot, Store
-from tasks.stages import process, quiet, travelling
+from tasks.stages import cores, process, quiet, travelling
 from tasks.stages.source_times import SourceTimes, source_times
 from tasks.stages.status import StatusFile, read
 
@@ -59,12 +59,14 @@ class Place:
     """Where a benchmark works. Never part of a key: another place, the same results.
 
     ``out`` is the flow's folder. A worker that does not see it names its own in ``MATTGS_WORK`` and
-    gets artifacts through the store of ``run.store``.
+    gets artifacts through the store of ``run.store``. ``captures`` is how many share the machine;
+    where it is known, stages of one capture that can be spread take its share of the cores.
     """
 
     out: Path
     benchmark: str
     run: RunConfig = field(default_factory=RunConfig)
+    captures: int | None = None
 
     @property
     def store(self) -> Path:
@@ -75,6 +77,13 @@ class Place:
     def here(self) -> Path:
         """Folder on this machine for stages, status and logs."""
         return Path(os.environ.get(WORK_FOLDER) or self.out)
+
+    def threads(self, *, spreads: bool) -> tuple[int, int]:
+        """Return the threads that a stage needs, and the most that it may have."""
+        most = self.run.threads
+        if spreads and self.captures is not None:
+            most = max(most, len(os.sched_getaffinity(0)) // self.captures)
+        return self.run.threads, most
 
     def open_store(self) -> Store:
         """Return the store, with the one that machines share where there is one."""
@@ -114,6 +123,7 @@ class Stage:
     ``parameters`` and ``inputs`` (name → digest) make the key, with the code's version;
     ``arguments`` are what ``operation`` (``MODULE:FUNCTION``) is called with, and may hold paths.
     ``imports``: modules that it needs and that start no threads, see :class:`process.StageJob`;
+    ``spreads``: more threads make it faster, and nothing compares its time;
     ``resumes``: the operation goes on from what an interrupted attempt left in its work folder,
     once the file of this name is there; ``alone``: it waits until nothing else runs on this
     machine.
@@ -126,6 +136,7 @@ class Stage:
     inputs: Mapping[str, str]
     arguments: Mapping[str, Any]
     imports: tuple[str, ...] = ()
+    spreads: bool = False
     resumes: str | None = None
     alone: bool = False
 
@@ -157,28 +168,39 @@ def perform(place: Place, stage: Stage) -> Artifact:
 
 
 def _make(place: Place, stage: Stage, slot: Slot, status: StatusFile) -> Finished:
-    name = f"{slug(stage.title)}-{slot.key.digest[:KEY_LETTERS]}.log"
-    job = process.StageJob(
-        title=stage.title,
-        operation=stage.operation,
-        arguments=dict(stage.arguments),
-        out=slot.work,
-        log=place.logs / name,
-        status=status.path,
-        threads=place.run.threads,
-        timeout=place.run.stage_timeout,
-        imports=stage.imports,
-    )
-    if stage.alone:
-        status.progress(0, 0, "waiting for a quiet machine")
-    with quiet.alone() if stage.alone else quiet.busy():
-        status.progress(0, 0, "")
+    with _turn(place, stage, status) as threads:
+        job = process.StageJob(
+            title=stage.title,
+            operation=stage.operation,
+            arguments=dict(stage.arguments),
+            out=slot.work,
+            log=place.logs / f"{slug(stage.title)}-{slot.key.digest[:KEY_LETTERS]}.log",
+            status=status.path,
+            threads=threads,
+            timeout=place.run.stage_timeout,
+            imports=stage.imports,
+        )
         began = time.monotonic()
         with _copied(place, stage, slot):
             process.run(job)
         seconds = round(time.monotonic() - began, 3)
-    machine = provenance.describe(place.run.threads)
+    machine = provenance.describe(threads)
     return slot.finish({"seconds": seconds, "machine": machine, "inputs": dict(stage.inputs)})
+
+
+@contextmanager
+def _turn(place: Place, stage: Stage, status: StatusFile) -> Iterator[int]:
+    """Wait until the stage may run on this machine; yields its threads."""
+    if stage.alone:
+        status.progress(0, 0, "waiting for a quiet machine")
+        with quiet.alone():
+            status.progress(0, 0, "")
+            yield place.run.threads
+        return
+    status.progress(0, 0, "waiting for a core")
+    with quiet.busy(), cores.taken(*place.threads(spreads=stage.spreads)) as threads:
+        status.progress(0, 0, "")
+        yield threads
 
 
 def _copied(place: Place, stage: Stage, slot: Slot) -> AbstractContextManager[None]:

@@ -110,6 +110,14 @@ def test_a_photo_that_was_only_touched_or_moved_repeats_nothing(
     assert repeated(before, asked(settings)) == set()
 
 
+def test_a_capture_under_another_name_repeats_nothing(
+    settings: dict[str, Any], asked: Asked
+) -> None:
+    before = asked(settings)
+    settings["captures"][0]["name"] = "mug"
+    assert set(asked(settings).values()) == set(before.values())
+
+
 TRAINED = ("train", "evaluate", "measure")
 SOLVED = ("sfm", "agree", *TRAINED)
 
@@ -123,6 +131,7 @@ SOLVED = ("sfm", "agree", *TRAINED)
         ({"iterations": 77}, TRAINED),
         ({"resolution": 99}, TRAINED),
         ({"train": {"lr_opacity": 0.5}}, TRAINED),
+        ({"train_views": 3}, ("evaluate",)),
         ({"train": {"checkpoint_every": 3}}, ("none",)),
         ({"name": "other"}, ("none",)),
         ({"run": {"workers": 7, "threads": 2, "retries": 0}}, ("none",)),

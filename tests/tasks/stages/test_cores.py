@@ -1,0 +1,67 @@
+"""Stages share the machine's cores: never more threads than cores, and nobody waits for ever."""
+
+import os
+import threading
+import time
+
+import pytest
+
+from tasks.stages import cores
+
+
+@pytest.fixture(autouse=True)
+def four_cores(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _process: {0, 1, 2, 3})
+    monkeypatch.setattr(cores, "RETRY_SECONDS", 0.01)
+
+
+def test_what_can_be_spread_takes_what_is_free() -> None:
+    with cores.taken(1, 1) as first, cores.taken(1, 2) as second, cores.taken(1, 4) as third:
+        assert (first, second, third) == (1, 2, 1)
+    with cores.taken(1, 4) as all_of_them:
+        assert all_of_them == 4
+
+
+def test_who_needs_more_than_there_are_holds_all_and_keeps_its_threads() -> None:
+    with cores.taken(6, 6) as threads:
+        assert threads == 6
+
+
+def test_a_stage_waits_until_enough_cores_are_free() -> None:
+    order: list[str] = []
+
+    def late() -> None:
+        with cores.taken(2, 2):
+            order.append("late")
+
+    with cores.taken(1, 3) as threads:
+        thread = threading.Thread(target=late)
+        thread.start()
+        time.sleep(0.1)
+        with cores.taken(1, 1):  # the one that is left, which is too few for the other
+            order.append(f"early {threads}")
+    thread.join(30)
+    assert order == ["early 3", "late"]
+
+
+def test_threads_never_outnumber_cores() -> None:
+    running, most = [0], [0]
+    guard = threading.Lock()
+
+    def work(least: int, wanted: int) -> None:
+        with cores.taken(least, wanted) as threads:
+            with guard:
+                running[0] += threads
+                most[0] = max(most[0], running[0])
+            time.sleep(0.02)
+            with guard:
+                running[0] -= threads
+
+    started = [threading.Thread(target=work, args=(1 + k % 3, 1 + k % 4)) for k in range(6)]
+    for thread in started:
+        thread.start()
+    for thread in started:
+        thread.join(60)
+    assert not any(thread.is_alive() for thread in started)
+    assert most[0] <= 4
+    assert running[0] == 0

@@ -41,6 +41,7 @@ path = "board"
 source = "none"
 [sfm]
 max_features = 1500
+upsample = false
 """
 
 

@@ -103,7 +103,7 @@ def evaluated(
         "masks": {"mean_iou": masks.mean_iou, "source": masks.source},
         "provenance": _provenance(config, cell, capture),
         "digests": {
-            "segment": masks_digest(scene.folder / "masks"),
+            "segment": masks_digest(next(v.mask.parent for v in scene.views if v.mask)),
             "split": split_digest({view.name: view.split for view in scene.views}),
             **{name: found["digests"][name] for name in ("truth", "masks")},
         },

@@ -29,7 +29,7 @@ from typing import Any
 from mattgs_ops.errors import InputError
 from mattgs_ops.naming import checked_row, is_name
 from reports.gate.compare import collected
-from reports.gate.numbers import change_of
+from reports.gate.numbers import by_seed
 from reports.gate.speed import MACHINE, seconds
 from reports.rows.schema import PROTOCOL, Row, cells, problems
 
@@ -104,14 +104,16 @@ def _origin(rows: Sequence[Row]) -> tuple[dict[str, Any], dict[str, Any], float 
 def measured_noise(runs: Sequence[Sequence[Row]]) -> dict[str, float]:
     """Return the noise of each metric between runs of the same code, as ``tolerances.py`` means it.
 
-    Every two runs are compared; per metric the root mean square of all cells' changes, over √2.
+    Every two runs are compared; per metric the root mean square of the changes of all cells and
+    seeds, over √2: the noise of one seed in one cell.
     Raises :class:`InputError` when there is nothing to compare.
     """
     squares: dict[str, list[float]] = {}
     for one, other in combinations(runs, 2):
         for number in collected(one, other)[1]:
             if number.tolerance.kind != "speed":
-                squares.setdefault(number.tolerance.metric, []).append(change_of(number) ** 2)
+                changes = [change**2 for change, _ in by_seed(number).values()]
+                squares.setdefault(number.tolerance.metric, []).extend(changes)
     if not squares:
         raise InputError("noise: expected at least two comparable runs of the same benchmark")
     return {name: round(sqrt(fmean(found) / 2), 6) for name, found in sorted(squares.items())}

@@ -18,14 +18,8 @@ from statistics import fmean
 
 from reports.gate import speed
 from reports.gate.findings import ALL_CELLS, Exit, Finding, GateReport, Verdict
-from reports.gate.numbers import (
-    Judged,
-    collect,
-    interval_of,
-    interval_of_all,
-    spread_among,
-    worst_view,
-)
+from reports.gate.intervals import interval_of, interval_of_all, spread_among
+from reports.gate.numbers import Judged, collect, worst_view
 from reports.gate.tolerances import POOL_LEAST, TOLERANCES, Doubt, Tolerance, confidence
 from reports.rows import comparable
 from reports.rows.schema import Cell, CellKey, Row, cells, order, refused
@@ -109,7 +103,7 @@ def _moved(tolerance: Tolerance, pairs: Sequence[tuple[Row, Row]]) -> str:
     """Say why speeds of these rows do not compare, empty where they do."""
     if tolerance.kind != "speed":
         return ""
-    return next(filter(None, (speed.other_machine(*pair) for pair in pairs)), "")
+    return next(filter(None, (speed.other_machine(*pair, tolerance.metric) for pair in pairs)), "")
 
 
 def exit_code(findings: Sequence[Finding], doubt: Doubt = Doubt.MARGIN) -> int:

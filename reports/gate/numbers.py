@@ -1,4 +1,4 @@
-"""One number of one cell: its values before and after, and the interval of its change."""
+"""One number of one cell: what is known of it on both sides, and how it changed."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -8,11 +8,8 @@ from typing import Any
 
 from reports.gate import speed
 from reports.gate.tolerances import Tolerance
-from reports.rows import statistics
 from reports.rows.schema import CellKey, Row
-from reports.rows.statistics import Interval
 
-SPREAD_LEAST = 4  # cells from which their spread is worth knowing
 NORMAL_MAD = 1.4826  # standard deviation over median absolute deviation, normal distribution
 MEDIAN_ERROR = NORMAL_MAD * 1.2533  # and times the median's standard error over the mean's
 
@@ -27,7 +24,7 @@ class Judged:
     before: float
     after: float
     noise: float  # standard deviation of one run's value, see ``tolerances.py``
-    known: bool = False  # measured between machines, so that no spread need stand in for it
+    moved: bool = False  # the two sides come from processors that may round differently
     errors: Mapping[int, float] = field(default_factory=dict)  # seed: stated error of its change
 
 
@@ -58,22 +55,20 @@ def collect(
     after_mean = fmean(pair[1] for pair in values.values())
     moved = any(speed.rounds_otherwise(*pair) for pair in pairs)
     noise = _noise(tolerance, [before for _, before in pairs], moved=moved)
-    known = moved and tolerance.between is not None
-    return Judged(key, tolerance, values, before_mean, after_mean, noise, known, errors), ""
+    return Judged(key, tolerance, values, before_mean, after_mean, noise, moved, errors), ""
 
 
 def _noise(tolerance: Tolerance, baseline: Sequence[Row], *, moved: bool) -> float:
-    """Return the standard deviation of one run's value: of this machine, or between machines.
+    """Return the standard deviation of one run's value where its spread cannot show it.
 
-    Where nobody measured how many views other machines register, each view counts as a draw with
-    the baseline's share (one more success and one more failure: Laplace's rule of succession).
+    Exact numbers have one between machines only: that of the baseline, where it knows one. Where
+    nobody measured how many views other machines register, each view counts as a draw with the
+    baseline's share (one more success and one more failure: Laplace's rule of succession).
     """
-    if not moved:
+    if tolerance.kind != "exact" or not moved:
         return tolerance.noise
-    if tolerance.between is not None:
-        return tolerance.between
-    if tolerance.metric != "registered":
-        return tolerance.noise
+    if tolerance.between is not None or tolerance.metric != "registered":
+        return tolerance.between or 0.0
     found = [row.get("registration") or {} for row in baseline]
     views = fmean(float(one.get("views") or one["registered"]) for one in found)
     share = (fmean(float(one["registered"]) for one in found) + 1) / (views + 2)
@@ -124,69 +119,6 @@ def changes_of(number: Judged) -> dict[tuple[str, int], float]:
     return {key: sign * math.log(after / before) for key, (before, after) in number.pairs.items()}
 
 
-def interval_of(number: Judged, level: float, among: float = 0.0, cells: int = 0) -> Interval:
-    """Return the interval of the mean change at a confidence, shares for ratios.
-
-    ``among`` is the spread of this metric's changes among the ``cells`` of the same comparison
-    (:func:`spread_among`): where runs differ by more than the tolerance's noise, that is seen
-    there, and believed.
-    """
-    changes = changes_of(number)
-    tolerance = number.tolerance
-    per_seed = by_seed(number)
-    seeds = len(per_seed)
-    stated = number.noise * math.sqrt(2 / seeds)
-    if tolerance.kind == "exact":
-        mean = fmean(changes.values())
-        half = statistics.quantile(math.inf, level) * stated
-        return Interval(mean, mean - half, mean + half, len(changes))
-    measured = math.sqrt(sum(error**2 for _, error in per_seed.values())) / seeds
-    run = max(
-        statistics.quantile(math.inf, level) * math.hypot(stated, measured),
-        statistics.quantile(cells - 1, level) * among if among > 0 else 0.0,
-    )
-    if tolerance.kind == "difference":
-        found = statistics.paired(changes, dict.fromkeys(changes, 0.0), level)
-        assert found is not None  # changes hold complete pairs
-        if found.mean == found.half == 0:
-            return found  # the same to the bit: a deterministic run has no noise to add
-        half = math.hypot(found.half, run)
-        return Interval(found.mean, found.mean - half, found.mean + half, found.samples)
-    mean = change_of(number)
-    return as_share(Interval(mean, mean - run, mean + run, len(changes)))
-
-
-def spread_among(numbers: Sequence[Judged]) -> float:
-    """Return the standard deviation of one metric's changes among cells, 0 for fewer than four.
-
-    It stands in for a noise that nobody measured; where the noise between machines is known, that
-    counts.
-    From the median absolute deviation, so that one cell that really changed does not hide itself.
-    A change that all cells, all of a method, a background or a capture share is no spread either:
-    of these explanations the one that leaves least counts.
-    """
-    numbers = [number for number in numbers if not number.known]
-    if len(numbers) < SPREAD_LEAST:
-        return 0.0
-    means = [change_of(number) for number in numbers]
-    explained = (
-        [None for _ in numbers],
-        [number.key.method for number in numbers],
-        [number.key.background for number in numbers],
-        [number.key.capture for number in numbers],
-    )
-    return min(_left_over(means, labels) for labels in explained)
-
-
-def _left_over(means: Sequence[float], labels: Sequence[str | None]) -> float:
-    groups: dict[str | None, list[float]] = {label: [] for label in labels}
-    for mean, label in zip(means, labels, strict=True):
-        groups[label].append(mean)
-    rest = [abs(mean - median(groups[label])) for mean, label in zip(means, labels, strict=True)]
-    lost = len(means) / max(1, len(means) - len(groups))  # each group's median took a freedom
-    return NORMAL_MAD * math.sqrt(lost) * median(rest)
-
-
 def by_seed(number: Judged) -> dict[int, tuple[float, float]]:
     """Return each seed's change and the error of it that its own measurements show.
 
@@ -210,50 +142,6 @@ def by_seed(number: Judged) -> dict[int, tuple[float, float]]:
 def change_of(number: Judged) -> float:
     """Return the mean change over seeds, positive is better; a logarithm for ratios."""
     return fmean(change for change, _ in by_seed(number).values())
-
-
-def interval_of_all(numbers: Sequence[Judged], level: float) -> Interval:
-    """Return the interval of one metric's mean change over all cells, shares for ratios.
-
-    Quality goes by views: a view's change, averaged over the cells that show it, is one sample, and
-    captures are strata. To that comes what whole runs differ by. Speed and size go by single runs,
-    whose errors are their own; speed adds what all runs of one gate share (``Tolerance.common``).
-    """
-    tolerance = numbers[0].tolerance
-    normal = statistics.quantile(math.inf, level)
-    runs = [change for number in numbers for change, _ in by_seed(number).values()]
-    squares = sum(2 * number.noise**2 * len(by_seed(number)) for number in numbers)
-    stated = normal * math.sqrt(squares) / len(runs)
-    if tolerance.kind == "difference":
-        found = statistics.stratified(_by_view(numbers), level)
-        among = spread_among(numbers)
-        seen = statistics.quantile(len(numbers) - 1, level) * among / math.sqrt(len(numbers))
-        half = math.hypot(found.half, max(stated, seen))
-    else:
-        found = statistics.sample(runs, level)
-        half = math.hypot(max(found.half, stated), normal * tolerance.common * math.sqrt(2))
-    if found.mean == found.half == 0:
-        return found  # the same to the bit
-    interval = Interval(found.mean, found.mean - half, found.mean + half, found.samples)
-    return interval if tolerance.kind == "difference" else as_share(interval)
-
-
-def _by_view(numbers: Sequence[Judged]) -> list[list[float]]:
-    """Return, by capture, each view's change averaged over its cells and seeds."""
-    found: dict[str, dict[str, list[float]]] = {}
-    for number in numbers:
-        views = found.setdefault(number.key.capture, {})
-        for (view, _), change in changes_of(number).items():
-            views.setdefault(view, []).append(change)
-    return [[fmean(changes) for changes in views.values()] for views in found.values()]
-
-
-def as_share(found: Interval) -> Interval:
-    """Turn logarithms of ratios into shares: 0.1 is 10 % better."""
-    low, mean, high = (
-        math.expm1(v) if v < 700 else math.inf for v in (found.low, found.mean, found.high)
-    )
-    return Interval(mean, low, high, found.samples)
 
 
 def worst_view(number: Judged) -> str | None:

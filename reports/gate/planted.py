@@ -93,14 +93,17 @@ def _unlike(words: str, report: GateReport) -> bool:
     return any(f.verdict == Verdict.NOT_COMPARABLE and words in f.reason for f in report.findings)
 
 
-def lose_quality(row: Row, decibels: float = EVERYWHERE, uneven: float = UNEVEN) -> Row:
+def lose_quality(
+    row: Row, decibels: float = EVERYWHERE, uneven: float = UNEVEN, draw: int = 0
+) -> Row:
     """Take ``decibels`` from PSNR, full frame and in mask, as the mean over held-out views.
 
     Views lose different amounts, gamma-distributed with a standard deviation of ``uneven`` times
-    the mean; the same views always lose the same, in all rows of a capture.
+    the mean: the same view the same in all rows of a capture. Another ``draw``, other views.
     """
     names = [str(view["view"]) for view in held_out_views(row)]
-    losses = dict(zip(names, decibels * _pattern(row["capture"], len(names), uneven), strict=True))
+    pattern = decibels * _pattern(f"{row['capture']} {draw}", len(names), uneven)
+    losses = dict(zip(names, pattern, strict=True))
     out = deepcopy(row)
     for view in out["per_view"]:
         for name in ("psnr", "mask_psnr"):
@@ -109,12 +112,12 @@ def lose_quality(row: Row, decibels: float = EVERYWHERE, uneven: float = UNEVEN)
     return out
 
 
-def _pattern(capture: str, count: int, uneven: float) -> np.ndarray:
-    """Return what each of a capture's views loses, mean 1 [N]."""
+def _pattern(name: str, count: int, uneven: float) -> np.ndarray:
+    """Return what each of so many views loses, mean 1 [N]; ``name`` seeds it."""
     if not uneven or count < 2:
         return np.ones(count)
     shape = uneven**-2  # of a gamma distribution with this coefficient of variation
-    rng = np.random.default_rng(list(capture.encode()))
+    rng = np.random.default_rng(list(name.encode()))
     drawn = rng.gamma(shape, 1 / shape, count)
     return np.asarray(drawn / drawn.mean())
 

@@ -47,9 +47,20 @@ def noise(row: Row, metric: str) -> float:
     return float(found) if isinstance(found, int | float) and math.isfinite(found) else 0.0
 
 
-def other_machine(candidate: Row, baseline: Row) -> str:
-    """Say how the machines of two rows differ; empty when they are of one kind."""
-    ours, theirs = (row.get("provenance") or {} for row in (candidate, baseline))
+def machine_of(row: Row, metric: str) -> Mapping[str, Any]:
+    """Return the part of a row's provenance that says where a speed was measured.
+
+    Rendering is measured apart from the training, and a training may have been timed again; rows
+    that do not say so were measured where they were trained.
+    """
+    origin = row.get("provenance") or {}
+    found = origin.get("measured" if metric in RATES else "timed") or origin
+    return dict(found)
+
+
+def other_machine(candidate: Row, baseline: Row, metric: str) -> str:
+    """Say how the machines of a speed in two rows differ; empty when they are of one kind."""
+    ours, theirs = (machine_of(row, metric) for row in (candidate, baseline))
     if not ours.get("cpu") or not theirs.get("cpu"):
         return "the machine is not known"
     unlike = [name for name in MACHINE if ours.get(name) != theirs.get(name)]

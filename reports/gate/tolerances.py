@@ -3,9 +3,10 @@
 Margins are the smallest changes that somebody should look at; a verdict needs the whole interval
 beyond its margin. ``noise`` is the standard deviation, between two runs of the same code and seed,
 of one cell's number (its mean over views; for ratios its logarithm), where the rows themselves
-cannot show it: one run is one sample. ``between`` is the same between two machines, whose
-processors round differently; a baseline may bring it, measured, and it is used between machines
-only. ``common`` is the part that all cells of a run share, which no number of cells averages out.
+cannot show it: one run is one sample. ``between`` is the same between runs that round differently,
+as two kinds of processor do, and an edit that changes nothing else; a baseline may bring it,
+measured. ``common`` is the part that all cells of a run share, which no number of cells averages
+out.
 
 The chance of a false alarm is bounded for a whole gate run, not per number: ``ALARM`` is shared out
 among families, and within a family evenly among its numbers (Bonferroni).

@@ -324,5 +324,6 @@ def test_the_gate_may_be_trusted_on_such_runs(planted: Planted) -> None:
     """The study of ``benchmarks/gate_study.py``, small: the quality that real trainings leave."""
     _, old = planted
     found = self_check([old, old], comparisons=24)
-    assert found.false_alarms == 0
-    assert min(found.caught_quality, found.caught_size) >= 0.95
+    assert found.resampled.false_alarms.hits == 0
+    caught = found.resampled.caught
+    assert min(caught["0.3 dB"].share, caught["10% larger"].share) >= 0.95

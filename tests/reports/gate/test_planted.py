@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from reports.gate import baseline, planted
 from reports.gate.compare import compare
 from reports.gate.findings import ALL_CELLS, Exit, Verdict
 from reports.gate.planted import grow, lose_quality, lose_speed
-from reports.gate.tolerances import Doubt
+from reports.gate.tolerances import TOLERANCES, Doubt
 from reports.rows.schema import Row, held_out_views
 
 Change = Callable[[Row], Row]
@@ -64,25 +65,23 @@ def test_a_loss_in_one_method_is_named(known: baseline.Baseline) -> None:
     assert {"psnr", "mask_psnr"} <= worse(rows, known)
 
 
-def test_noise_between_machines_counts_between_machines(known: baseline.Baseline) -> None:
-    """Half a standard deviation in every cell is what another machine does to unchanged code."""
-    shift = known.noise["psnr"] / 2
-    moved = elsewhere([lose_quality(row, shift) for row in known.rows])
-    assert not worse(moved, known)
-    here = compare(known.rows, known.rows, noise=known.noise).smallest_named()
-    there = compare(elsewhere(known.rows), known.rows, noise=known.noise)
-    # the same values to the bit say nothing of noise; any difference at all does
-    differing = compare(moved, known.rows, noise=known.noise).smallest_named()
-    assert here["psnr"] == pytest.approx(0.1)
-    assert differing["psnr"] > 0.2
-    assert there.exit_code == Exit.PASS
+@pytest.mark.parametrize("seed", range(10))
+def test_other_rounding_is_no_loss(known: baseline.Baseline, seed: int) -> None:
+    """Every run moves by itself, as it does when code rounds otherwise, here or elsewhere."""
+    rng, noise = np.random.default_rng(seed), known.noise["psnr"] * np.sqrt(2)
+    moved = [lose_quality(row, rng.normal(0, noise)) for row in known.rows]
+    for rows in (moved, elsewhere(moved)):
+        assert not worse(rows, known)
+        seen = compare(rows, known.rows, noise=known.noise).smallest_named()
+        assert 0.15 < seen["psnr"] < 0.3, "other rounding costs sight, but not that of 0.3 dB"
+    assert compare(known.rows, known.rows).smallest_named()["psnr"] == pytest.approx(0.1)
 
 
 def test_a_gate_that_is_blind_is_noticed(
     known: baseline.Baseline, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As the gate once was: the noise between machines counted on one machine too."""
-    monkeypatch.setattr("reports.gate.speed.rounds_otherwise", lambda *_: True)
+    wide = tuple(replace(one, margin=10.0) for one in TOLERANCES)
+    monkeypatch.setattr("reports.gate.compare.TOLERANCES", wide)
     seen = planted.sensitivity(known.rows, known.noise)
     assert not seen.sees
     assert "0.3 dB everywhere" in seen.missed

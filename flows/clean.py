@@ -7,7 +7,7 @@ from flows.services import embedded
 from mattgs_ops.errors import InputError
 from mattgs_ops.store.cleaning import Kind, Removal, clean
 from mattgs_ops.store.store import Store
-from tasks.registry import orphans, runs
+from tasks.registry import orphans, runs, summary
 from tasks.stages.stage import Place
 
 UNITS = ("bytes", "kB", "MB", "GB", "TB")
@@ -28,7 +28,9 @@ def clean_up(out: Path, *, unused_hours: float, dry_run: bool) -> str:
         raise InputError(f"{store.root}: expected a store, found none; --out names the folder")
     embedded.quieten(out)
     since = time.time() - 3600 * unused_hours
-    closed = _close(out, dry_run=dry_run) if _recorded(out) else []
+    closed = (
+        [*_close(out, dry_run=dry_run), *_purge(out, dry_run=dry_run)] if _recorded(out) else []
+    )
     removed = clean(store, referred(out), unused_since=since, dry_run=dry_run)
     return "\n".join([*closed, _told(removed, dry_run=dry_run)])
 
@@ -38,6 +40,15 @@ def _close(out: Path, *, dry_run: bool) -> list[str]:
     closed = orphans.close_orphans(embedded.tracking_uri(out), dry_run=dry_run)
     verb = "Would close" if dry_run else "Closed"
     return [f"{verb} as KILLED, its process is gone: {name}" for name in closed]
+
+
+def _purge(out: Path, *, dry_run: bool) -> list[str]:
+    """Remove the reports of summaries that were replaced; one line each."""
+    purged = summary.purge(embedded.tracking_uri(out), dry_run=dry_run)
+    verb = "Would remove" if dry_run else "Removed"
+    return [
+        f"{verb} from MLflow the report of a summary that was replaced: {i[:8]}" for i in purged
+    ]
 
 
 def _recorded(out: Path) -> bool:

@@ -2,9 +2,10 @@
 
 Trainings write their curves to files, in batches; one thread of the flow reads what is new and logs
 it. So no training waits for a database, twelve of them do not write to it at once, and the process
-that trains never imports MLflow. Where workers keep their files elsewhere nothing is followed: the
-row that ends an experiment brings the whole curve. A registry that fails ends the following with a
-warning, and nothing else.
+that trains never imports MLflow. A curve belongs to the training that its stage's key names: what a
+killed training left behind, under whatever title, is nobody's any more. Where workers keep their
+files elsewhere nothing is followed: the row that ends an experiment brings the whole curve. A
+registry that fails ends the following with a warning, and nothing else.
 """
 
 import csv
@@ -16,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from mattgs_ops.store.store import Store
 from tasks.registry import runs
 from tasks.row import Row
 from tasks.stages.process import StageJob
@@ -56,8 +58,8 @@ class _Follower(threading.Thread):
         super().__init__(name="curves", daemon=True)
         self._place, self._uri, self._expected, self._every = place, tracking_uri, expected, every
         self._over = threading.Event()
-        self._runs: dict[str, str] = {}  # title → run
-        self._seen: dict[str, int] = {}  # title → last step that was logged
+        self._runs: dict[str, str] = {}  # key of a training → run
+        self._seen: dict[str, int] = {}  # key of a training → last step that was logged
 
     def run(self) -> None:
         try:
@@ -78,17 +80,17 @@ class _Follower(threading.Thread):
         if experiment is None:
             return
         curve = read_curve(job.out / CURVE_FILE)
-        new = [point for point in curve if point["step"] > self._seen.get(job.title, 0)]
+        new = [point for point in curve if point["step"] > self._seen.get(job.key, 0)]
         if not new:
             return
-        if job.title not in self._runs:
+        if job.key not in self._runs:
             place = self._place.out / "mlflow-artifacts"
-            benchmark = experiment.row["benchmark"]
-            opened = runs.open_benchmark(self._uri, benchmark, place)
-            run = runs.begin(self._uri, opened, experiment.row, experiment.settings)
-            self._runs[job.title] = run
-        runs.log_curve(self._uri, self._runs[job.title], new)
-        self._seen[job.title] = int(new[-1]["step"])
+            opened = runs.open_benchmark(self._uri, experiment.row["benchmark"], place)
+            self._runs[job.key] = runs.begin(
+                self._uri, opened, experiment.row, experiment.settings, training=job.key
+            )
+        runs.log_curve(self._uri, self._runs[job.key], new)
+        self._seen[job.key] = int(new[-1]["step"])
 
 
 def running_trainings(place: Place) -> list[StageJob]:
@@ -99,9 +101,17 @@ def running_trainings(place: Place) -> list[StageJob]:
             job = StageJob.load(path)
         except (OSError, ValueError, TypeError, KeyError):
             continue  # it has just ended, or is just being written
-        if job.status.parent == place.status:
+        if job.status.parent == place.status and _at_work(place, job):
             jobs.append(job)
     return jobs
+
+
+def _at_work(place: Place, job: StageJob) -> bool:
+    """Whether somebody holds the lock of the job's key; a killed process leaves the job alone."""
+    if not job.key:  # written by an earlier version of this project
+        return False
+    with Store(place.store).lock(job.key, wait=False) as free:
+        return not free
 
 
 def read_curve(path: Path) -> list[dict[str, float]]:

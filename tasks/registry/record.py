@@ -55,13 +55,16 @@ def record(
             # a server that others share keeps files itself, where all can see them
             None if tracking_uri.startswith("http") else place.out / "mlflow-artifacts",
         )
+        training = artifacts["train"].key if "train" in artifacts else None
+        known = runs.recorded(tracking_uri, experiment, row, training)
         run_id = runs.record(
             tracking_uri,
             experiment,
             row,
             parameters=settings,
             curve=_curve(place, artifacts),
-            files=_files(place, row, artifacts),
+            files=_files(place, row, artifacts, _known(known)),
+            training=training,
             final=False,
         )
     except Exception as error:  # whatever MLflow, its database or its server raise
@@ -132,23 +135,36 @@ def promoted(tracking_uri: str, benchmark: str) -> list[Row]:
         return []
 
 
+def _known(row: Row | None) -> dict[str, str]:
+    """Return the digests of the artifacts whose files a run with this row holds, by stage."""
+    return dict(((row or {}).get("provenance") or {}).get("outputs") or {})
+
+
 def _curve(place: Place, artifacts: dict[str, Artifact]) -> list[dict[str, float]]:
     if "train" not in artifacts:
         return []
     return read_curve(place.folder(artifacts["train"]) / CURVE_FILE)
 
 
-def _files(place: Place, row: Row, artifacts: dict[str, Artifact]) -> Iterator[tuple[Path, str]]:
-    """Yield what a run keeps, and where in the run: all that a report or a viewer needs."""
+def _files(
+    place: Place, row: Row, artifacts: dict[str, Artifact], known: dict[str, str]
+) -> Iterator[tuple[Path, str]]:
+    """Yield what a run keeps, and where in the run: all that a report or a viewer needs.
+
+    Artifacts whose digests are ``known`` lie in the run already.
+    """
+    new = {name for name, artifact in artifacts.items() if known.get(name) != artifact.digest}
     for stage, names in KEPT.items():
-        if stage in artifacts:
+        if stage in new:
             folder = place.folder(artifacts[stage])
             for name, where in names.items():
                 if (folder / name).exists():
                     yield folder / name, where
-    if "sfm" in artifacts:
+    if "sfm" in new:
         yield from _example(place.folder(scene_of(artifacts)))
-    yield from ((log, "logs") for log in _logs(place, row, artifacts))
+    for stage, log in _logs(place, row, artifacts):
+        if stage in new or stage not in artifacts:
+            yield log, "logs"
 
 
 def _example(folder: Path) -> Iterator[tuple[Path, str]]:
@@ -159,8 +175,8 @@ def _example(folder: Path) -> Iterator[tuple[Path, str]]:
             yield path, f"scene/{path.relative_to(folder).parent.as_posix()}"
 
 
-def _logs(place: Place, row: Row, artifacts: dict[str, Artifact]) -> Iterator[Path]:
-    """Yield the log of each stage; of one that failed the newest of its title."""
+def _logs(place: Place, row: Row, artifacts: dict[str, Artifact]) -> Iterator[tuple[str, Path]]:
+    """Yield each stage and its log; of one that failed the newest of its title."""
     cell = f"{row['capture']} {row['condition']} seed {row['seed']}"
     owners = dict.fromkeys(("segment", "sfm", "agree"), row["capture"])
     owners |= {"train": cell, "evaluate": cell}
@@ -172,4 +188,4 @@ def _logs(place: Place, row: Row, artifacts: dict[str, Artifact]) -> Iterator[Pa
         else:
             found = place.logs.glob(f"{glob.escape(title)}-{'[0-9a-f]' * KEY_LETTERS}.log")
             logs = sorted(found, key=lambda path: path.stat().st_mtime)[-1:]
-        yield from logs
+        yield from ((stage, log) for log in logs)

@@ -5,7 +5,9 @@ A run carries tags to group and filter by, the configuration as flat parameters,
 under their plain names, the training curve as metrics ``curve_*`` by step, and the per-view scores
 and the row itself as artifacts. Points of a curve are logged once, whether they come while the
 training runs or with its row. A row that is recorded again, by a rerun or with more metrics,
-updates its run instead of adding one; which run is its own is said by the tag ``mattgs.row``.
+updates its run instead of adding one; which run is its own is said by the tags ``mattgs.row`` and,
+once there is a training, ``mattgs.training``, its key: a run has one training and one curve. What
+the run has already is not logged again: a metric gets a new point when its value is another.
 
 A fresh SQLite database must be initialised once (:func:`initialise`) before several processes use
 it: concurrent first use would corrupt it for good.
@@ -28,6 +30,7 @@ Row = dict[str, Any]
 ROW_FILE, VIEWS_FILE, CONFIG_FILE = "row.json", "per_view.json", "config.json"
 BATCH_METRICS, BATCH_PARAMETERS = 1000, 100  # MLflow's limits for one call of log_batch
 PARAMETER_LENGTH = 6000  # MLflow's limit for a value
+ROW_TAG, TRAINING_TAG = "mattgs.row", "mattgs.training"
 OWNER_TAG = "mattgs.owner"  # of runs under way: see tasks/registry/run_owner.py
 TAGS = ("capture", "condition", "background", "method", "seed", "iterations", "resolution")
 IDENTITY = ("benchmark", *TAGS)
@@ -81,30 +84,33 @@ def record(
     parameters: Mapping[str, Any],
     curve: Sequence[Mapping[str, float]] = (),
     files: Iterable[tuple[Path, str]] = (),
+    training: str | None = None,
     final: bool = True,
 ) -> str:
     """Write a row to its run and return the run's id.
 
     ``parameters`` may be nested, they are flattened with dots. ``curve`` holds one mapping per
     step, each with ``step``. ``files`` are files or folders and the folder in the run that they go
-    to (empty: the top). The row that is stored names its run. A run whose row is not ``final`` is
-    shown as running.
+    to (empty: the top). ``training`` is the key of the training, where there was one. The row that
+    is stored names its run. A run whose row is not ``final`` is shown as running.
     """
     client = _client(tracking_uri)
-    run_id = _run_of(client, experiment, row)
-    _log_metrics(client, run_id, _metrics(row, time.time_ns() // 1_000_000))
+    run_id = _run_of(client, experiment, row, training)
+    before = _stored_row(client, run_id)
+    _log_changed(client, run_id, row)
     log_curve(tracking_uri, run_id, curve)
-    _log_parameters(client, run_id, parameters)
-    client.log_dict(run_id, dict(parameters), CONFIG_FILE)
+    if before is None:
+        _log_parameters(client, run_id, parameters)
+        client.log_dict(run_id, dict(parameters), CONFIG_FILE)
     for local, place in files:
         log = client.log_artifacts if local.is_dir() else client.log_artifact
         log(run_id, str(local), place or None)
-    _log_views(client, run_id, row.get("per_view") or [])
-    client.log_dict(run_id, row | {"run_id": run_id}, ROW_FILE)
-    ended = "FINISHED" if row["status"] == "finished" else "FAILED"
+    if before is None or before.get("per_view") != row.get("per_view"):
+        _log_views(client, run_id, row.get("per_view") or [])
     if final:
-        client.set_terminated(run_id, ended)
+        _end(client, run_id, row, before)
     else:
+        _store_row(client, run_id, row, before)
         open_run(client, run_id)
     return run_id
 
@@ -112,22 +118,33 @@ def record(
 def finish(tracking_uri: str, row: Row, before: Row) -> None:
     """Close the run of ``row``, which was recorded as ``before``: bring what is new since."""
     client, run_id = _client(tracking_uri), before["run_id"]
-    old = before.get("metrics") or {}
-    new = {k: v for k, v in (row.get("metrics") or {}).items() if k not in old or old[k] != v}
-    _log_metrics(client, run_id, _metrics({"metrics": new}, time.time_ns() // 1_000_000))
+    _log_changed(client, run_id, row)
     if _ended(row) != _ended(before):
         _log_tags(client, run_id, _ended(row))
-    client.log_dict(run_id, row | {"run_id": run_id}, ROW_FILE)
-    client.set_terminated(run_id, "FINISHED" if row["status"] == "finished" else "FAILED")
+    _end(client, run_id, row, _stored_row(client, run_id))
 
 
-def begin(tracking_uri: str, experiment: str, row: Row, parameters: Mapping[str, Any]) -> str:
+def recorded(tracking_uri: str, experiment: str, row: Row, training: str | None) -> Row | None:
+    """Return the row that the run of ``row`` holds already, None where there is none."""
+    client = _client(tracking_uri)
+    run_id = _find_run(client, experiment, row, training)
+    return None if run_id is None else _stored_row(client, run_id)
+
+
+def begin(
+    tracking_uri: str,
+    experiment: str,
+    row: Row,
+    parameters: Mapping[str, Any],
+    *,
+    training: str | None = None,
+) -> str:
     """Open the run of an experiment that is under way, and return its id.
 
-    Its row, recorded later, finds the same run.
+    Its row, recorded later with the same ``training``, finds the same run.
     """
     client = _client(tracking_uri)
-    run_id = _run_of(client, experiment, row)
+    run_id = _run_of(client, experiment, row, training)
     open_run(client, run_id)
     _log_parameters(client, run_id, parameters)
     return run_id
@@ -221,17 +238,18 @@ def _client(tracking_uri: str) -> Any:
     return MlflowClient(tracking_uri=tracking_uri)
 
 
-def _run_of(client: Any, experiment: str, row: Row) -> str:
+def _run_of(client: Any, experiment: str, row: Row, training: str | None) -> str:
     """Return the row's own run, made when there is none, with its tags."""
     provenance = row.get("provenance") or {}
     tags = {name: str(row[name]) for name in TAGS}
     tags |= _ended(row) | {
-        "mattgs.row": row_key(row),
+        ROW_TAG: row_key(row),
         "code_version": str(provenance.get("code_version", "")),
         "git": str(provenance.get("git", "")),
         "config_digest": str(provenance.get("config_digest", "")),
     }
-    run_id = _find_run(client, experiment, row)
+    tags |= {} if training is None else {TRAINING_TAG: training}
+    run_id = _find_run(client, experiment, row, training)
     if run_id is None:
         name = f"{row['capture']} {row['condition']} seed {row['seed']}"
         return str(client.create_run(experiment, tags=tags, run_name=name).info.run_id)
@@ -239,15 +257,45 @@ def _run_of(client: Any, experiment: str, row: Row) -> str:
     return run_id
 
 
+def _stored_row(client: Any, run_id: str) -> Row | None:
+    """Return the row that a run holds; it is stored last, so all else is there with it."""
+    if not _has_row(client, run_id):
+        return None
+    path = client.download_artifacts(run_id, ROW_FILE)
+    row: Row = json.loads(Path(path).read_text(encoding="utf-8"))
+    return row
+
+
+def _store_row(client: Any, run_id: str, row: Row, before: Row | None) -> None:
+    """Store a row unless it is there, or there with what was measured later."""
+    row = row | {"run_id": run_id}
+    if before is not None:
+        later = {k: (before.get(k) or {}) | (row.get(k) or {}) for k in ("metrics", "provenance")}
+        if row | later == before:
+            return
+    client.log_dict(run_id, row, ROW_FILE)
+
+
+def _end(client: Any, run_id: str, row: Row, before: Row | None) -> None:
+    row = row | {"run_id": run_id}
+    if row != before:
+        client.log_dict(run_id, row, ROW_FILE)
+    client.set_terminated(run_id, "FINISHED" if row["status"] == "finished" else "FAILED")
+
+
 def _ended(row: Row) -> dict[str, str]:
     told = "; ".join(one["text"] for one in row.get("warnings") or ())
     return {"status": row["status"], "reason": str(row.get("reason") or ""), "warnings": told}
 
 
-def _find_run(client: Any, experiment: str, row: Row) -> str | None:
-    query = f"tags.`mattgs.row` = '{row_key(row)}'"
-    found = client.search_runs([experiment], filter_string=query, max_results=1)
-    return str(found[0].info.run_id) if found else None
+def _find_run(client: Any, experiment: str, row: Row, training: str | None) -> str | None:
+    """Return the run of a row; of another training of the same row it is another one."""
+    query = f"tags.`{ROW_TAG}` = '{row_key(row)}'"
+    found = client.search_runs([experiment], filter_string=query)
+    mine = [run for run in found if run.data.tags.get(TRAINING_TAG, training) == training]
+    if training is None and not mine:  # it ended before it trained, where others got further
+        mine = list(found)
+    return str(mine[0].info.run_id) if mine else None
 
 
 def _metrics(row: Row, now: int) -> list[Any]:
@@ -275,6 +323,13 @@ def _is_number(value: object) -> bool:
 def _log_metrics(client: Any, run_id: str, metrics: list[Any]) -> None:
     for start in range(0, len(metrics), BATCH_METRICS):
         client.log_batch(run_id, metrics=metrics[start : start + BATCH_METRICS])
+
+
+def _log_changed(client: Any, run_id: str, row: Row) -> None:
+    """Log the metrics whose values the run does not show already."""
+    known = client.get_run(run_id).data.metrics
+    new = _metrics(row, time.time_ns() // 1_000_000)
+    _log_metrics(client, run_id, [m for m in new if known.get(m.key) != m.value])
 
 
 def _log_tags(client: Any, run_id: str, tags: Mapping[str, str]) -> None:

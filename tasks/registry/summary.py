@@ -59,6 +59,27 @@ def record_summary(
     return run_id
 
 
+def purge(tracking_uri: str, *, dry_run: bool = False) -> list[str]:
+    """Remove the files of summaries that newer ones have replaced; returns their runs' ids.
+
+    The runs themselves stay in MLflow's list of deleted ones, until `mlflow gc`.
+    """
+    from mlflow.entities import ViewType
+    from mlflow.store.artifact.artifact_repository_registry import get_artifact_repository
+    from mlflow.tracking import MlflowClient
+
+    client: Any = MlflowClient(tracking_uri=tracking_uri)
+    experiments = [one.experiment_id for one in client.search_experiments()]
+    query, purged = f"tags.`{SUMMARY_TAG}` != ''", []
+    for run in client.search_runs(experiments, query, ViewType.DELETED_ONLY):
+        files = get_artifact_repository(run.info.artifact_uri, tracking_uri)
+        if files.list_artifacts():
+            if not dry_run:
+                files.delete_artifacts()
+            purged.append(str(run.info.run_id))
+    return purged
+
+
 def _note(report: Path) -> str:
     """Return the report's verdict, and where the rest is."""
     path = report / WORDS_FILE

@@ -64,6 +64,7 @@ class StageJob:
     that the operation fills; ``log`` is appended to; ``timeout`` is in seconds; ``status`` names
     the file that tells progress. ``imports`` are modules that the operation will need and that
     start no threads: with some, the process is forked from one that has them (``launcher.py``).
+    ``key`` is the stage's place in the store.
     """
 
     title: str
@@ -75,6 +76,7 @@ class StageJob:
     threads: int
     timeout: float
     imports: tuple[str, ...] = ()
+    key: str = ""
 
     def save(self, path: Path) -> None:
         """Write the job as JSON."""

@@ -179,6 +179,7 @@ def _make(place: Place, stage: Stage, slot: Slot, status: StatusFile) -> Finishe
             threads=threads,
             timeout=place.run.stage_timeout,
             imports=stage.imports,
+            key=str(slot.key),
         )
         began = time.monotonic()
         with _copied(place, stage, slot):

@@ -3,12 +3,13 @@
 import logging
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from mattgs_ops.store.store import Store
 from tasks.registry import runs
 from tasks.registry.live_curves import Expected, following, read_curve
 from tasks.registry.record import promoted, record, record_summary
@@ -34,17 +35,27 @@ def place(tmp_path: Path, fresh_registry: Path) -> Place:
     return Place(tmp_path, "small")
 
 
-@pytest.fixture
-def work(place: Place) -> Path:
-    """Return the work folder of a training that seems to run."""
-    folder = place.out / "work"
-    folder.mkdir()
-    place.logs.mkdir()
+KEY = "train/0123"
+
+
+def leave(place: Place, key: str) -> Path:
+    """Return the work folder of a training whose job lies there; at work or killed."""
+    folder = place.out / "work" / key
+    folder.mkdir(parents=True)
+    place.logs.mkdir(exist_ok=True)
     name = "train-ball-nobg-ours-seed-0"
-    job = StageJob(TITLE, "a:b", {}, folder, place.logs / f"{name}-0.log",
-                   place.status / f"{name}.json", 1, 60.0)  # fmt: skip
-    job.save(place.logs / f"{name}-0.job.json")
+    last = key.rpartition("/")[2]
+    job = StageJob(TITLE, "a:b", {}, folder, place.logs / f"{name}-{last}.log",
+                   place.status / f"{name}.json", 1, 60.0, key=key)  # fmt: skip
+    job.save(place.logs / f"{name}-{last}.job.json")
     return folder
+
+
+@pytest.fixture
+def work(place: Place) -> Iterator[Path]:
+    """Return the work folder of a training that seems to run: its key is locked."""
+    with Store(place.store).lock(KEY):
+        yield leave(place, KEY)
 
 
 def uri_of(place: Place) -> str:
@@ -89,11 +100,30 @@ def test_points_arrive_while_the_training_runs_and_only_once(place: Place, work:
     whole = [*read_curve(curve), {"step": 4.0, "loss": 0.2, "fixed_psnr": 13.0}]
     done = row() | {"status": "finished", "metrics": {"psnr": 13.0}}
     experiment = runs.open_benchmark(uri_of(place), "small", None)
-    again = runs.record(uri_of(place), experiment, done, parameters={"iterations": 10}, curve=whole)
+    again = runs.record(
+        uri_of(place), experiment, done, parameters={"iterations": 10}, curve=whole, training=KEY
+    )
     assert again == run_id
     assert history(place, run_id, "curve_loss") == [(1, 0.5), (2, 0.4), (3, 0.3), (4, 0.2)]
     assert history(place, run_id, "curve_fixed_psnr")[-1] == (4, 13.0)
     assert only_run(place).info.status == "FINISHED"
+
+
+def test_what_a_killed_training_left_is_nobodys_curve(place: Place, work: Path) -> None:
+    """Another code's training of the same title was killed: its job and its curve still lie there.
+
+    The training at work must have a run with its own points and no others.
+    """
+    (leave(place, "train/dead") / "curve.csv").write_text(
+        HEAD + "1,9,1,1,1\n2,9,1,1,1\n9,9,1,1,1\n"
+    )
+    (work / "curve.csv").write_text(HEAD + "1,0.5,10,100,5\n2,0.4,11,100,5\n")
+    with following(place, uri_of(place), {TITLE: Expected(row(), {})}, every=0.05):
+        wait_for(lambda: only_run(place) is not None)
+        run_id = only_run(place).info.run_id
+        wait_for(lambda: len(history(place, run_id, "curve_loss")) == 2)
+    assert history(place, run_id, "curve_loss") == [(1, 0.5), (2, 0.4)]
+    assert only_run(place).data.tags[runs.TRAINING_TAG] == KEY
 
 
 def test_trainings_of_other_benchmarks_and_strangers_are_left_alone(

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from mattgs_ops.errors import InputError
-from tasks.registry import runs
+from tasks.registry import runs, summary
 
 PROCESSES, ROWS_EACH = 3, 4
 
@@ -178,3 +178,67 @@ def test_processes_that_log_at_once_lose_nothing(place: tuple[str, Path], tmp_pa
         assert process.returncode == 0, errors
     seeds = sorted(r["seed"] for r in runs.rows(uri, "crowd"))
     assert seeds == list(range(PROCESSES * ROWS_EACH))
+
+
+def dates(folder: Path) -> dict[str, int]:
+    return {str(p.relative_to(folder)): p.stat().st_mtime_ns for p in folder.rglob("*.*")}
+
+
+def test_a_rerun_uploads_and_logs_nothing_that_is_there(place: tuple[str, Path]) -> None:
+    uri, artifacts = place
+    experiment = runs.open_benchmark(uri, "rerun", artifacts)
+    curve = [{"step": 10, "loss": 0.5}, {"step": 20, "loss": 0.25}]
+
+    def once(whole: dict[str, Any]) -> str:
+        """Record as the flow does: first without the speed, then with it."""
+        first = whole | {"metrics": {k: v for k, v in whole["metrics"].items() if k != "fps"}}
+        run_id = runs.record(
+            uri, experiment, first, parameters={"a": 1}, curve=curve, training="t/1", final=False
+        )
+        runs.finish(uri, whole, first | {"run_id": run_id})
+        return run_id
+
+    whole = row() | {"metrics": {"psnr": 24.5, "fps": 50.0}}
+    run_id = once(whole)
+    folder = artifacts / "rerun" / run_id / "artifacts"
+    before = dates(folder)
+    assert once(whole) == run_id
+    assert dates(folder) == before
+    for name in ("psnr", "fps"):
+        assert len(client(uri).get_metric_history(run_id, name)) == 1
+    assert len(client(uri).get_metric_history(run_id, "curve_loss")) == 2
+    assert client(uri).get_run(run_id).info.status == "FINISHED"
+
+    assert once(whole | {"metrics": {"psnr": 24.5, "fps": 55.0}}) == run_id
+    assert [m.value for m in client(uri).get_metric_history(run_id, "fps")] == [50.0, 55.0]
+    assert len(client(uri).get_metric_history(run_id, "psnr")) == 1
+    (stored,) = runs.rows(uri, "rerun")
+    assert stored["metrics"]["fps"] == 55.0
+
+
+def test_each_training_has_a_run_of_its_own(place: tuple[str, Path]) -> None:
+    uri, artifacts = place
+    experiment = runs.open_benchmark(uri, "trainings", artifacts)
+    one = runs.begin(uri, experiment, row(), {}, training="train/a")
+    assert runs.begin(uri, experiment, row(), {}, training="train/a") == one
+    other = runs.begin(uri, experiment, row(), {}, training="train/b")
+    assert other != one
+    assert runs.record(uri, experiment, row(), parameters={}, training="train/b") == other
+    assert runs.recorded(uri, experiment, row(), "train/b") == row() | {"run_id": other}
+    assert runs.recorded(uri, experiment, row(), "train/a") is None
+
+
+def test_a_replaced_summary_keeps_no_files(place: tuple[str, Path], tmp_path: Path) -> None:
+    uri, artifacts = place
+    experiment = runs.open_benchmark(uri, "summed", artifacts)
+    (tmp_path / "report.html").write_text("page")
+    old, new = (
+        summary.record_summary(uri, experiment, "summed", [row()], tmp_path) for _ in range(2)
+    )
+    files = {run: artifacts / "summed" / run / "artifacts" for run in (old, new)}
+    assert summary.purge(uri, dry_run=True) == [old]
+    assert (files[old] / "report" / "report.html").is_file()
+    assert summary.purge(uri) == [old]
+    assert not (files[old] / "report").exists()
+    assert (files[new] / "report" / "report.html").is_file()
+    assert summary.purge(uri) == []

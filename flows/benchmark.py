@@ -18,6 +18,7 @@ from mattgs_ops.errors import MattgsError
 from mattgs_ops.naming import slug
 from reports.page.build import build
 from tasks import prefect_tasks as run
+from tasks.measure import Speed, with_speed
 from tasks.registry.live_curves import Expected, following
 from tasks.registry.record import close, close_orphans, promoted, record, record_summary
 from tasks.row import Outcome, Row, make_row, running_row, settings
@@ -66,7 +67,7 @@ def benchmark(config: BenchmarkConfig, out: Path, tracking_uri: str) -> Path:
     with following(place, tracking_uri, _expected(place, config, chains)):
         for chain in chains:
             outcomes.append(_wait(place, chain))
-            row = make_row(place, config, outcomes[-1], {})
+            row = make_row(place, config, outcomes[-1])
             _warn(place, row)
             known = settings(config, chain.cell), outcomes[-1].artifacts
             recorded.append(record(place, tracking_uri, row, *known))
@@ -76,7 +77,7 @@ def benchmark(config: BenchmarkConfig, out: Path, tracking_uri: str) -> Path:
     outcomes, speeds = _measure(place, outcomes, config)
     rows = []
     for outcome, before in zip(outcomes, recorded, strict=True):
-        row = make_row(place, config, outcome, speeds.get(outcome.cell, {}))
+        row = with_speed(make_row(place, config, outcome), speeds.get(outcome.cell))
         rows.append(close(tracking_uri, row, before))
     path = build(
         rows,
@@ -162,23 +163,27 @@ def _warn(place: Place, row: Row) -> None:
 
 def _measure(
     place: Place, outcomes: list[Outcome], config: BenchmarkConfig
-) -> tuple[list[Outcome], dict[Cell, dict[str, float]]]:
-    """Measure the speed of everything that finished, one capture after another, alone.
+) -> tuple[list[Outcome], dict[Cell, Speed]]:
+    """Measure the speed of everything that finished, each capture alone on a worker's machine.
 
     Returns the outcomes, those whose speed could not be measured as failed, and the speeds.
     """
-    speeds: dict[Cell, dict[str, float]] = {}
+    speeds: dict[Cell, Speed] = {}
     after = list(outcomes)
+    measuring: list[tuple[list[int], PrefectFuture[dict[Cell, Speed]]]] = []
     for capture in config.captures:
         mine = [
             i
             for i, outcome in enumerate(outcomes)
             if outcome.cell.capture == capture.name and outcome.reason is None
         ]
+        if mine:
+            finished = [outcomes[i] for i in mine]
+            task = run.named(run.measure, capture.name)
+            measuring.append((mine, task.submit(place, capture.name, finished, config)))
+    for mine, future in measuring:
         try:
-            if mine:
-                finished = [outcomes[i] for i in mine]
-                speeds |= run.measure(place, capture.name, finished, config)
+            speeds |= future.result()
         except Exception as error:  # whatever it is, it is this capture's alone
             for i in mine:
                 after[i] = replace(outcomes[i], reason=f"speed was not measured: {error}")

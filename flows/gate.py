@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from flows import run_record
 from mattgs_ops.errors import InputError
 from mattgs_ops.naming import checked_name
 from reports.gate import baseline, output, pictures
@@ -22,9 +23,12 @@ def judge(
     *,
     doubt: Doubt = Doubt.MARGIN,
     must_see: bool = False,
+    run: str | None = None,
 ) -> tuple[str, int]:
     """Return what to print and what to exit with.
 
+    ``run`` names the run whose rows these must be, by its record; rows of a run that has not ended,
+    broke off, or is another one are not judged: failed runs.
     With ``must_see`` a gate that does not name every loss planted into its own baseline cannot
     judge.
     Writes ``gate.md``, ``.xml`` and ``.json``, and pictures of the views that lost most.
@@ -32,6 +36,9 @@ def judge(
     Raises :class:`InputError` naming the file that cannot be used.
     """
     checked_name(benchmark, "the benchmark's name")
+    wrong = run_record.problem(out / "benchmarks" / benchmark, run)
+    if wrong:
+        return f"Gate: failed runs. {benchmark}: {wrong}", Exit.FAILED_RUNS
     known = find_baseline(out, benchmark, against)
     rows = recorded(out, benchmark)
     report = compare(rows, known.rows, noise=known.noise, doubt=doubt)
@@ -74,6 +81,9 @@ def make_baseline(out: Path, benchmark: str, file: Path, again: Sequence[Path] =
     Its noise is measured between these rows and those of ``again``, runs of the same code; without
     them a baseline of the same benchmark that is replaced hands on its own.
     """
+    wrong = run_record.problem(out / "benchmarks" / benchmark)
+    if wrong:
+        raise InputError(f"{benchmark}: expected the rows of a run that ended: {wrong}")
     rows = recorded(out, benchmark)
     if again:
         noise = baseline.measured_noise([rows, *(read_rows(path) for path in again)])

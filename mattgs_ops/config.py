@@ -166,6 +166,9 @@ class RunConfig(Frozen):
     stage_timeout: float = Field(6 * 3600, gt=0, description="seconds one stage may take")
     retries: int = Field(1, ge=0)
     dask_scheduler: str | None = Field(None, description="tcp://… of an existing scheduler")
+    sitting: str | None = Field(
+        None, description="measures speed anew: a name that no earlier measurement had"
+    )
     store: str | None = Field(None, description="s3://… or another fsspec URL for finished stages")
     checkpoint_copy_every: float = Field(
         600, ge=0, description="seconds between copies of a checkpoint to `store`; 0: none"

@@ -75,10 +75,8 @@ def settings(config: BenchmarkConfig, cell: Cell) -> dict[str, Any]:
     }
 
 
-def make_row(
-    place: Place, config: BenchmarkConfig, outcome: Outcome, speed: Mapping[str, float]
-) -> Row:
-    """Return the experiment's row; ``speed`` joins its metrics, empty until it is measured."""
+def make_row(place: Place, config: BenchmarkConfig, outcome: Outcome) -> Row:
+    """Return the experiment's row; its rendering speed joins it later (``tasks/measure.py``)."""
     cell, artifacts = outcome.cell, outcome.artifacts
     condition = Condition.parse(cell.condition)
     row: Row = {
@@ -111,7 +109,7 @@ def make_row(
     if "sfm" in artifacts:
         row["registration"] = _registration(place.folder(artifacts["sfm"]))
     if outcome.reason is None:
-        row |= _scores(place, artifacts, speed)
+        row |= _scores(place, artifacts)
     return row
 
 
@@ -164,7 +162,7 @@ def _references(place: Place, artifacts: Mapping[str, Artifact]) -> dict[str, st
 
 def running_row(place: Place, config: BenchmarkConfig, cell: Cell, prepared: Artifact) -> Row:
     """Return the row of an experiment that has not ended: what is known of it from the start."""
-    row = make_row(place, config, Outcome(cell, {"prepare": prepared}, reason="running"), {})
+    row = make_row(place, config, Outcome(cell, {"prepare": prepared}, reason="running"))
     return row | {"status": "running", "reason": None}
 
 
@@ -210,15 +208,12 @@ def config_digest(config: BenchmarkConfig, cell: Cell) -> str:
     )
 
 
-def _scores(
-    place: Place, artifacts: dict[str, Artifact], speed: Mapping[str, float]
-) -> dict[str, Any]:
-    """Join scores, training time and speed."""
+def _scores(place: Place, artifacts: dict[str, Artifact]) -> dict[str, Any]:
+    """Join scores and training time."""
     training = _read(place.folder(artifacts["train"]) / "training.json")
     evaluation = _read(place.folder(artifacts["evaluate"]) / "evaluation.json")
     metrics = dict(evaluation["metrics"])
     metrics |= {"time": training["wall_seconds"], "time_cpu": training["cpu_seconds"]}
-    metrics |= speed
     found: dict[str, Any] = {"metrics": metrics, "per_view": evaluation["per_view"]}
     # laps of a training and the fixed workload in turns; a resumed one has none
     return found | ({"repeats": {"time": training["laps"]}} if training["laps"] else {})

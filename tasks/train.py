@@ -19,28 +19,34 @@ def train(place: Place, cell: Cell, scene: Artifact, config: BenchmarkConfig) ->
     A killed training goes on from its last checkpoint: the one in the work folder, else the copy on
     the shared store.
     """
-    condition = Condition.parse(cell.condition)
+    asked = settings(cell, config)
     training = config.train_settings(cell.capture)
-    settings = {
-        "background": condition.background,
-        "method": config.method(condition.method).model_dump(mode="json"),
-        "train": training.model_dump(mode="json"),
-        "iterations": config.iterations,
-        "resolution": config.resolution,
-        "seed": cell.seed,
-    }
     kept = training.model_dump(mode="json", exclude=set(NO_RESULT))
     stage = Stage(
         name="train",
         title=training_title(cell),
         operation="tasks.train:operate",
         imports=("mattgs_ops.splat.training.train",),
-        parameters=settings | {"train": kept},
+        parameters={k: v for k, v in asked.items() if k != "name"} | {"train": kept},
         inputs={"scene": scene.digest},
-        arguments=settings | {"scene": str(place.folder(scene)), "name": condition.method},
+        arguments=asked | {"scene": str(place.folder(scene))},
         resumes=CHECKPOINT,
     )
     return perform(place, stage)
+
+
+def settings(cell: Cell, config: BenchmarkConfig) -> dict[str, Any]:
+    """Return what :func:`operate` is told, as JSON values, but for the scene's folder."""
+    condition = Condition.parse(cell.condition)
+    return {
+        "background": condition.background,
+        "name": condition.method,
+        "method": config.method(condition.method).model_dump(mode="json"),
+        "train": config.train_settings(cell.capture).model_dump(mode="json"),
+        "iterations": config.iterations,
+        "resolution": config.resolution,
+        "seed": cell.seed,
+    }
 
 
 def training_title(cell: Cell) -> str:

@@ -66,6 +66,10 @@ def run(
     store: Annotated[
         str | None, typer.Option(help="Share finished stages there: s3://BUCKET/FOLDER, file://…")
     ] = None,
+    remeasure: Annotated[
+        bool,
+        typer.Option("--remeasure", help="Measure speed anew, also where it is known."),
+    ] = False,
     out: Out = DEFAULT_OUT,
 ) -> None:
     """Run a benchmark: photos in, tables out.
@@ -99,7 +103,7 @@ def run(
             "store": store,
         },
     )
-    if not run_benchmark(merged, out.resolve()):
+    if not run_benchmark(merged, out.resolve(), remeasure=remeasure):
         raise typer.Exit(EXIT_EXPERIMENTS)
 
 

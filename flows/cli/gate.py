@@ -54,6 +54,10 @@ def gate(
             "beyond their margin, or none."
         ),
     ] = Doubt.MARGIN,
+    run: Annotated[
+        str | None,
+        typer.Option(help="The run that must have written the rows, as run.json calls it."),
+    ] = None,
     must_see: Annotated[
         bool,
         typer.Option(
@@ -78,7 +82,7 @@ def gate(
     elif against is None:
         raise InputError("--baseline: expected a file, a name or an alias (or --self-check)")
     else:
-        text, code = _judged(against, benchmark, config, out, doubt=doubt, must_see=must_see)
+        text, code = _judged(against, benchmark, config, out, run, doubt=doubt, must_see=must_see)
     typer.echo(text)
     raise typer.Exit(code)
 
@@ -88,6 +92,7 @@ def _judged(
     benchmark: str | None,
     config: Path | None,
     out: Path,
+    run: str | None,
     *,
     doubt: Doubt,
     must_see: bool,
@@ -98,7 +103,7 @@ def _judged(
 
     try:
         name = _named(benchmark, config, out)
-        return judge.judge(out.resolve(), name, against, doubt=doubt, must_see=must_see)
+        return judge.judge(out.resolve(), name, against, doubt=doubt, must_see=must_see, run=run)
     except InputError:
         raise
     except StageError as error:

@@ -37,7 +37,7 @@ def clean(
 
 def serve(
     schedules: Annotated[
-        list[str] | None, typer.Argument(help="For example grid/nightly; by default all.")
+        list[str] | None, typer.Argument(help="For example nightly/quick; by default all.")
     ] = None,
     port: Annotated[int, typer.Option(help="Port of the Prefect server on this machine.")] = 4200,
     out: Out = DEFAULT_OUT,

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from flows import run_record
 from flows.cli import terminal
 from flows.grid import stages
 from flows.services import embedded
@@ -20,12 +21,29 @@ from tasks.stages import status
 from tasks.stages.stage import Place
 
 
-def run_benchmark(config: BenchmarkConfig, out: Path) -> bool:
+def run_benchmark(
+    config: BenchmarkConfig, out: Path, *, run: str | None = None, remeasure: bool = False
+) -> bool:
     """Run a benchmark and print its tables; return whether every experiment finished.
 
-    Captures are prepared before anything is started. Raises :class:`InputError` that lists all
-    that is wrong with them when none of them can be used.
+    ``run`` is what its record is to call it; with ``remeasure`` speed is measured anew where it is
+    known. Captures are prepared before anything is started. Raises :class:`InputError` that lists
+    all that is wrong with them when none of them can be used.
     """
+    folder = out / "benchmarks" / config.name
+    record = run_record.begin(folder, run, remeasure=remeasure)
+    kept = config.run.model_copy(update={"sitting": record.sitting})
+    try:
+        complete = _run(config.model_copy(update={"run": kept}), out)
+    except BaseException as error:  # Ctrl-C too: its rows are not there
+        run_record.end(folder, record, str(error) or type(error).__name__)
+        raise
+    run_record.end(folder, record)
+    return complete
+
+
+def _run(config: BenchmarkConfig, out: Path) -> bool:
+    """Start what is needed, run the flow, print its tables."""
     began = time.monotonic()
     console = Console(soft_wrap=True)
     out.mkdir(parents=True, exist_ok=True)

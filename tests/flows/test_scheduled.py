@@ -49,4 +49,4 @@ def test_an_unknown_schedule_is_refused_by_name(tmp_path: Path) -> None:
     ]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
     assert done.returncode == 2
-    assert done.stderr.startswith("mattgs: grid/hourly: expected one of grid/nightly")
+    assert done.stderr.startswith("mattgs: grid/hourly: expected one of nightly/quick")

@@ -13,6 +13,7 @@ import pytest
 
 from flows.grid import cells
 from mattgs_ops.config import BenchmarkConfig
+from mattgs_ops.store import provenance
 from mattgs_ops.store.keys import stage_key
 from tasks import agree, evaluate, measure, prepare, segment, sfm, train
 from tasks.row import Outcome
@@ -52,7 +53,8 @@ def asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Asked:
                 stage.name, str(key), sha256(str(key).encode()).hexdigest(), 1.0, cached=False
             )
             if stage.name == "measure":
-                speeds = {job["label"]: {} for job in stage.arguments["jobs"]}
+                nothing = {"metrics": {}, "machine": {}, "laps": []}
+                speeds = {job["label"]: nothing for job in stage.arguments["jobs"]}
                 place.folder(made).mkdir(parents=True, exist_ok=True)
                 (place.folder(made) / measure.SPEED_FILE).write_text(json.dumps(speeds))
             return made
@@ -134,7 +136,8 @@ SOLVED = ("sfm", "agree", *TRAINED)
         ({"train_views": 3}, ("evaluate",)),
         ({"train": {"checkpoint_every": 3}}, ("none",)),
         ({"name": "other"}, ("none",)),
-        ({"run": {"workers": 7, "threads": 2, "retries": 0}}, ("none",)),
+        ({"run": {"workers": 7, "threads": 2, "retries": 0}}, ("measure",)),
+        ({"run": {"workers": 7, "retries": 0}}, ("none",)),
     ],
     ids=str,
 )
@@ -183,3 +186,20 @@ def test_changed_code_repeats_its_stage_and_what_follows(
 ) -> None:
     before = asked(settings)
     assert repeated(before, asked(settings, {stage: "changed"})) == of(before, *kinds)
+
+
+@pytest.mark.parametrize("run", [{"threads": 8}, {"sitting": "tonight"}])
+def test_more_threads_or_a_new_sitting_measure_speed_anew_and_repeat_nothing_else(
+    settings: dict[str, Any], asked: Asked, run: dict[str, Any]
+) -> None:
+    before = asked(settings)
+    assert repeated(before, asked(settings | {"run": run})) == of(before, "measure")
+
+
+@pytest.mark.parametrize("told", ["cpu_model", "cpu_kind"])
+def test_speed_of_another_processor_is_another_speed(
+    settings: dict[str, Any], asked: Asked, monkeypatch: pytest.MonkeyPatch, told: str
+) -> None:
+    before = asked(settings)
+    monkeypatch.setattr(provenance, told, lambda: "another")
+    assert repeated(before, asked(settings)) == of(before, "measure")

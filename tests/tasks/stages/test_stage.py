@@ -67,7 +67,7 @@ def test_an_experiment_is_trained_scored_measured_and_never_again(
         speeds = measure(place, "ball", [outcome], config)
         assert (splats.cached, scores.cached) == (again, again)
     assert set(states(place).values()) <= {"done", "cached"}
-    assert speeds[CELL]["fps"] > 0
+    assert speeds[CELL].metrics["fps"] > 0
     evaluation = json.loads((place.folder(scores) / "evaluation.json").read_text())
     assert evaluation["metrics"].keys() >= {"psnr", "ssim", "l1", "loss", "size_mb", "mask_psnr"}
     machine = place.extra(splats)["machine"]

@@ -1,0 +1,101 @@
+"""Which run of a benchmark wrote its rows: begun, ended or broken off, in one small file.
+
+``benchmarks/NAME/run.json`` belongs to the newest run. Whoever judges rows asks :func:`problem`
+first: a run that broke off leaves the rows of the one before, and these say nothing of it.
+"""
+
+import json
+from dataclasses import asdict, dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Literal
+from uuid import uuid4
+
+from mattgs_ops.store.digests import file_digest
+
+FILE, ROWS = "run.json", "rows.json"
+State = Literal["running", "ended", "broken"]
+
+
+@dataclass(frozen=True)
+class RunRecord:
+    """One run; ``rows`` is the digest of the rows that it wrote, ``sitting`` what it measures as.
+
+    ``sitting`` is None where speeds that are known are taken as they are.
+    """
+
+    id: str
+    state: State
+    began: str
+    ended: str | None = None
+    reason: str = ""
+    rows: str | None = None
+    sitting: str | None = None
+
+
+def begin(folder: Path, run: str | None = None, *, remeasure: bool = False) -> RunRecord:
+    """Write and return the record of a run that begins now, called ``run`` or anything new.
+
+    One that remeasures goes on with the sitting of the run before where that did not come to its
+    end, so that the same command goes on after an interruption.
+    """
+    before = read(folder)
+    name = run or uuid4().hex
+    sitting = None
+    if remeasure:
+        left = before is not None and before.state != "ended" and before.sitting
+        sitting = left or name
+    record = RunRecord(name, "running", _now(), sitting=sitting)
+    _write(folder, record)
+    return record
+
+
+def end(folder: Path, record: RunRecord, reason: str = "") -> None:
+    """Note that a run has ended, or broke off for a reason."""
+    rows = folder / ROWS
+    if reason or not rows.is_file():
+        reason = reason or "it wrote no rows"
+        _write(folder, replace(record, state="broken", ended=_now(), reason=reason))
+    else:
+        _write(folder, replace(record, state="ended", ended=_now(), rows=file_digest(rows)))
+
+
+def read(folder: Path) -> RunRecord | None:
+    """Return the record of the newest run; None where there is none, or none that can be read."""
+    try:
+        return RunRecord(**json.loads((folder / FILE).read_text(encoding="utf-8")))
+    except (OSError, ValueError, TypeError):
+        return None
+
+
+def problem(folder: Path, run: str | None = None) -> str:
+    """Say why the rows in ``folder`` are not those of a run that ended; empty where they are.
+
+    With ``run`` they must be of that very run; without, rows that no record speaks of will do.
+    """
+    record = read(folder)
+    if record is None:
+        return f"run {run} has left no record in {folder}: it never began" if run else ""
+    if run is not None and record.id != run:
+        return f"the rows are of the run {record.id}, begun {record.began}, not of {run}"
+    if record.state == "running":
+        return (
+            f"the run {record.id}, begun {record.began}, has not ended: it is under way, or it was "
+            "killed; the rows are of an earlier one"
+        )
+    if record.state == "broken":
+        return f"the run {record.id}, begun {record.began}, broke off: {record.reason}"
+    if run is not None and record.rows != file_digest(folder / ROWS):
+        return f"the rows are not those that the run {run} wrote"
+    return ""
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def _write(folder: Path, record: RunRecord) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    partial = folder / f"{FILE}.part"
+    partial.write_text(json.dumps(asdict(record), indent=1) + "\n", encoding="utf-8")
+    partial.replace(folder / FILE)

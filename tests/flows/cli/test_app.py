@@ -103,7 +103,7 @@ def test_a_full_disk_is_said_plainly(
 def test_ctrl_c_says_that_the_same_command_goes_on(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def interrupted(*_: object) -> bool:
+    def interrupted(*_: object, **__: object) -> bool:
         raise KeyboardInterrupt
 
     monkeypatch.setattr("flows.cli.run.run_benchmark", interrupted)

@@ -41,7 +41,6 @@ path = "board"
 source = "none"
 [sfm]
 max_features = 1500
-upsample = false
 """
 
 

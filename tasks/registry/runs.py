@@ -1,13 +1,10 @@
-"""Rows in MLflow: with the modules ``registry_*`` beside it the only ones that speak to it.
+"""Rows in MLflow: which run a row belongs to, and how it is begun, updated and read back.
 
 One MLflow experiment per benchmark, one flat run per row (nested runs break the comparison charts).
 A run carries tags to group and filter by, the configuration as flat parameters, the row's metrics
 under their plain names, the training curve as metrics ``curve_*`` by step, and the per-view scores
-and the row itself as artifacts. Points of a curve are logged once, whether they come while the
-training runs or with its row. A row that is recorded again, by a rerun or with more metrics,
-updates its run instead of adding one; which run is its own is said by the tags ``mattgs.row`` and,
-once there is a training, ``mattgs.training``, its key: a run has one training and one curve. What
-the run has already is not logged again: a metric gets a new point when its value is another.
+and the row itself as artifacts. A row that is recorded again updates its run, which the tags
+``mattgs.row`` and ``mattgs.training`` (the training's key) name. What a run has is not logged again.
 
 A fresh SQLite database must be initialised once (:func:`initialise`) before several processes use
 it: concurrent first use would corrupt it for good.
@@ -15,7 +12,6 @@ it: concurrent first use would corrupt it for good.
 
 import hashlib
 import json
-import math
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -23,13 +19,11 @@ from typing import Any
 
 from mattgs_ops.errors import InputError
 from mattgs_ops.naming import checked_row
-from tasks.registry import interface_view, run_owner
+from tasks.registry import interface_view, run_content, run_owner
 
 Row = dict[str, Any]
 
-ROW_FILE, VIEWS_FILE, CONFIG_FILE = "row.json", "per_view.json", "config.json"
-BATCH_METRICS, BATCH_PARAMETERS = 1000, 100  # MLflow's limits for one call of log_batch
-PARAMETER_LENGTH = 6000  # MLflow's limit for a value
+ROW_FILE, CONFIG_FILE = "row.json", "config.json"
 ROW_TAG, TRAINING_TAG = "mattgs.row", "mattgs.training"
 OWNER_TAG = "mattgs.owner"  # of runs under way: see tasks/registry/run_owner.py
 TAGS = ("capture", "condition", "background", "method", "seed", "iterations", "resolution")
@@ -97,16 +91,16 @@ def record(
     client = _client(tracking_uri)
     run_id = _run_of(client, experiment, row, training)
     before = _stored_row(client, run_id)
-    _log_changed(client, run_id, row)
+    run_content.log_changed(client, run_id, row)
     log_curve(tracking_uri, run_id, curve)
     if before is None:
-        _log_parameters(client, run_id, parameters)
+        run_content.log_parameters(client, run_id, parameters)
         client.log_dict(run_id, dict(parameters), CONFIG_FILE)
     for local, place in files:
         log = client.log_artifacts if local.is_dir() else client.log_artifact
         log(run_id, str(local), place or None)
     if before is None or before.get("per_view") != row.get("per_view"):
-        _log_views(client, run_id, row.get("per_view") or [])
+        run_content.log_views(client, run_id, row.get("per_view") or [])
     if final:
         _end(client, run_id, row, before)
     else:
@@ -118,9 +112,9 @@ def record(
 def finish(tracking_uri: str, row: Row, before: Row) -> None:
     """Close the run of ``row``, which was recorded as ``before``: bring what is new since."""
     client, run_id = _client(tracking_uri), before["run_id"]
-    _log_changed(client, run_id, row)
+    run_content.log_changed(client, run_id, row)
     if _ended(row) != _ended(before):
-        _log_tags(client, run_id, _ended(row))
+        run_content.log_tags(client, run_id, _ended(row))
     _end(client, run_id, row, _stored_row(client, run_id))
 
 
@@ -146,7 +140,7 @@ def begin(
     client = _client(tracking_uri)
     run_id = _run_of(client, experiment, row, training)
     open_run(client, run_id)
-    _log_parameters(client, run_id, parameters)
+    run_content.log_parameters(client, run_id, parameters)
     return run_id
 
 
@@ -162,7 +156,9 @@ def log_curve(tracking_uri: str, run_id: str, curve: Sequence[Mapping[str, float
     known = client.get_metric_history(run_id, f"curve_{name}")
     last = max((metric.step for metric in known), default=-1)
     new = [point for point in curve if point["step"] > last]
-    _log_metrics(client, run_id, _curve_metrics(new, time.time_ns() // 1_000_000))
+    run_content.log_metrics(
+        client, run_id, run_content.curve_metrics(new, time.time_ns() // 1_000_000)
+    )
 
 
 def rows(tracking_uri: str, benchmark: str) -> list[Row]:
@@ -215,17 +211,6 @@ def experiment_key(row: Mapping[str, Any]) -> tuple[Any, ...]:
     return tuple(row[name] for name in IDENTITY)
 
 
-def flatten(nested: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
-    """Flatten nested mappings: ``{"train": {"lr": 1}}`` → ``{"train.lr": "1"}``."""
-    out: dict[str, str] = {}
-    for key, value in nested.items():
-        if isinstance(value, Mapping):
-            out |= flatten(value, f"{prefix}{key}.")
-        else:
-            out[f"{prefix}{key}"] = str(value)[:PARAMETER_LENGTH]
-    return out
-
-
 def open_run(client: Any, run_id: str) -> None:
     """Show the run as running, and this process as the one that works on it."""
     client.set_tag(run_id, OWNER_TAG, run_owner.owner())
@@ -253,7 +238,7 @@ def _run_of(client: Any, experiment: str, row: Row, training: str | None) -> str
     if run_id is None:
         name = f"{row['capture']} {row['condition']} seed {row['seed']}"
         return str(client.create_run(experiment, tags=tags, run_name=name).info.run_id)
-    _log_tags(client, run_id, tags)
+    run_content.log_tags(client, run_id, tags)
     return run_id
 
 
@@ -296,65 +281,6 @@ def _find_run(client: Any, experiment: str, row: Row, training: str | None) -> s
     if training is None and not mine:  # it ended before it trained, where others got further
         mine = list(found)
     return str(mine[0].info.run_id) if mine else None
-
-
-def _metrics(row: Row, now: int) -> list[Any]:
-    from mlflow.entities import Metric
-
-    found = (row.get("metrics") or {}).items()
-    return [Metric(key, float(value), now, 0) for key, value in found if _is_number(value)]
-
-
-def _curve_metrics(curve: Sequence[Mapping[str, float]], now: int) -> list[Any]:
-    from mlflow.entities import Metric
-
-    return [
-        Metric(f"curve_{key}", float(value), now, int(point["step"]))
-        for point in curve
-        for key, value in point.items()
-        if key != "step" and _is_number(value)
-    ]
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-
-
-def _log_metrics(client: Any, run_id: str, metrics: list[Any]) -> None:
-    for start in range(0, len(metrics), BATCH_METRICS):
-        client.log_batch(run_id, metrics=metrics[start : start + BATCH_METRICS])
-
-
-def _log_changed(client: Any, run_id: str, row: Row) -> None:
-    """Log the metrics whose values the run does not show already."""
-    known = client.get_run(run_id).data.metrics
-    new = _metrics(row, time.time_ns() // 1_000_000)
-    _log_metrics(client, run_id, [m for m in new if known.get(m.key) != m.value])
-
-
-def _log_tags(client: Any, run_id: str, tags: Mapping[str, str]) -> None:
-    from mlflow.entities import RunTag
-
-    client.log_batch(run_id, tags=[RunTag(key, value) for key, value in tags.items()])
-
-
-def _log_parameters(client: Any, run_id: str, parameters: Mapping[str, Any]) -> None:
-    from mlflow.entities import Param
-
-    flat = [Param(key, value) for key, value in flatten(parameters).items()]
-    for start in range(0, len(flat), BATCH_PARAMETERS):
-        client.log_batch(run_id, params=flat[start : start + BATCH_PARAMETERS])
-
-
-def _log_views(client: Any, run_id: str, views: Sequence[Mapping[str, Any]]) -> None:
-    """Store per-view scores as a table that MLflow's interface shows as one."""
-    if not views:
-        return
-    columns = list(dict.fromkeys(key for view in views for key in view))
-    data = [[view.get(column) for column in columns] for view in views]
-    client.log_dict(run_id, {"columns": columns, "data": data}, VIEWS_FILE)
-    tables = json.dumps([{"path": VIEWS_FILE, "type": "table"}])
-    client.set_tag(run_id, "mlflow.loggedArtifacts", tables)
 
 
 def _pages(client: Any, experiment: str) -> Iterable[Any]:

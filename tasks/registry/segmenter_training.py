@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from tasks.registry import runs
+from tasks.registry import run_content, runs
 
 EXPERIMENT = "segmenter"
 
@@ -54,5 +54,5 @@ class TrainingRun:
     def _log_parameters(self, parameters: Mapping[str, Any]) -> None:
         from mlflow.entities import Param
 
-        flat = runs.flatten(parameters)
+        flat = run_content.flatten(parameters)
         self._client.log_batch(self.id, params=[Param(key, text) for key, text in flat.items()])

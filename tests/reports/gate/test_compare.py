@@ -4,63 +4,17 @@ import json
 import math
 from collections.abc import Callable
 from copy import deepcopy
-from pathlib import Path
-from xml.etree import ElementTree
 
 import jsonschema
-import numpy as np
 import pytest
-from PIL import Image
 
-from mattgs_ops.errors import InputError
-from reports.gate import output, pictures, planted, self_check, speed
+from reports.gate import output, planted, speed
 from reports.gate.compare import compare, verdict_of
-from reports.gate.findings import ALL_CELLS, Exit, Finding, GateReport, Verdict
+from reports.gate.findings import ALL_CELLS, Exit, Verdict
 from reports.gate.tolerances import Doubt
-from reports.rows import statistics
 from reports.rows.schema import Row
 from reports.rows.statistics import Interval
-
-SCHEMA = Path(output.__file__).with_name("schema.json")
-Rows = list[Row]
-
-
-@pytest.fixture
-def old(make_grid: Callable[..., Rows]) -> Rows:
-    return make_grid()
-
-
-def jittered(rows: Rows, decibels: float = 0.02, seed: int = 1) -> Rows:
-    """Another run of the same code on another machine: a little different everywhere."""
-    rng = np.random.default_rng(seed)
-    out = deepcopy(rows)
-    for row in out:
-        for view in row["per_view"]:
-            for name in ("psnr", "mask_psnr"):
-                view[name] += rng.normal(0, decibels)
-        for name in ("time", "fps"):
-            row["metrics"][name] *= math.exp(rng.normal(0, 0.01))
-    return out
-
-
-def changed(
-    rows: Rows, change: Callable[[Row], None], only: Callable[[Row], bool] = lambda _: True
-) -> Rows:
-    out = jittered(rows)
-    for row in out:
-        if only(row):
-            change(row)
-    return out
-
-
-def found(report: GateReport, verdict: Verdict) -> set[tuple[str, str]]:
-    return {(f.cell, f.metric) for f in report.findings if f.verdict == verdict}
-
-
-def shift_views(row: Row, **shifts: float) -> None:
-    for view in row["per_view"]:
-        for name, shift in shifts.items():
-            view[name] += shift
+from tests.reports.gate.conftest import SCHEMA, Rows, changed, found, jittered, shift_views
 
 
 def test_the_same_rows_are_the_same_everywhere(old: Rows) -> None:
@@ -181,67 +135,6 @@ def test_gains_are_better_and_pass(old: Rows) -> None:
     report = compare(changed(old, lambda row: shift_views(row, psnr=0.5)), old)
     assert report.exit_code == Exit.PASS
     assert (ALL_CELLS, "psnr") in found(report, Verdict.BETTER)
-
-
-def poison(row: Row) -> None:
-    row["metrics"]["psnr"] = math.nan
-
-
-def forget(row: Row) -> None:
-    del row["metrics"]["size_mb"]
-
-
-def one_view_lacks(row: Row) -> None:
-    del row["per_view"][0]["mask_psnr"]
-
-
-def infinite_view(row: Row) -> None:
-    row["per_view"][0]["psnr"] = math.inf
-
-
-def without_calibration(row: Row) -> None:
-    row["provenance"]["calibration"] = None
-
-
-def other_protocol(row: Row) -> None:
-    row["provenance"]["protocol"] = 2
-
-
-def other_config(row: Row) -> None:
-    row["provenance"]["config_digest"] = "other"
-
-
-def other_inputs(row: Row) -> None:
-    row["provenance"]["inputs"] = {"capture": "d2"}
-
-
-def other_views(row: Row) -> None:
-    row["per_view"] = row["per_view"][1:]
-
-
-@pytest.mark.parametrize(
-    ("change", "verdict", "code"),
-    [
-        (poison, Verdict.NEWLY_FAILING, Exit.FAILED_RUNS),
-        (forget, Verdict.NEWLY_FAILING, Exit.FAILED_RUNS),
-        (one_view_lacks, Verdict.NOT_COMPARABLE, Exit.CANNOT_JUDGE),
-        (infinite_view, Verdict.NOT_COMPARABLE, Exit.CANNOT_JUDGE),
-        (without_calibration, Verdict.NOT_COMPARABLE, Exit.CANNOT_JUDGE),
-        (other_protocol, Verdict.NOT_COMPARABLE, Exit.CANNOT_JUDGE),
-        (other_config, Verdict.NOT_COMPARABLE, Exit.CANNOT_JUDGE),
-        (other_inputs, Verdict.NOT_COMPARABLE, Exit.CANNOT_JUDGE),
-        (other_views, Verdict.NOT_COMPARABLE, Exit.CANNOT_JUDGE),
-    ],
-)
-def test_what_cannot_be_compared_is_never_the_same(
-    old: Rows, change: Callable[[Row], None], verdict: Verdict, code: int
-) -> None:
-    rows = deepcopy(old)
-    change(rows[0])
-    report = compare(rows, old)
-    cell = "rover/original-3dgs@1000x320"
-    assert cell in {name for name, _ in found(report, verdict)}
-    assert report.exit_code == code
 
 
 def test_failures_are_newly_failing_fixed_or_known(
@@ -374,91 +267,3 @@ def test_speed_is_relative_to_the_workload_of_its_own_process(make_row: Callable
     assert speed.calibrated(row, "fps") == {"0": 7.0}
     row["repeats"] = {"fps": [{"value": 60.0, "calibration": 0.5}, {"value": 30, "calibration": 1}]}
     assert speed.calibrated(row, "fps") == {"0": 30.0, "1": 30.0}
-
-
-def test_json_follows_its_schema(old: Rows) -> None:
-    for rows in (old, old[4:], changed(old, poison)):
-        document = json.loads(output.to_json(compare(rows, old)))
-        jsonschema.validate(document, json.loads(SCHEMA.read_text()))
-
-
-def test_junit_counts_what_it_holds(old: Rows) -> None:
-    rows = changed(old, lambda row: shift_views(row, psnr=-2.0))
-    root = ElementTree.fromstring(output.junit(compare(rows, old)))
-    assert len(root) == 13
-    for suite in root:
-        assert int(suite.get("tests", 0)) == len(suite.findall("testcase"))
-        assert int(suite.get("failures", 0)) == len(suite.findall("testcase/failure")) >= 1
-    first = root[0].find("testcase/failure")
-    assert root[0].get("name") == ALL_CELLS
-    assert first is not None
-    assert "worse" in str(first.get("message"))
-
-
-def test_people_read_the_worst_first(old: Rows) -> None:
-    rows = changed(old, lambda row: shift_views(row, psnr=-0.5))
-    rows[3]["per_view"][2]["psnr"] -= 0.8
-    shift_views(rows[3], psnr=-3.0)
-    report = compare(rows, old)
-    assert report.findings[0].worst_view == "0016.jpg"
-    text = output.terminal(report)
-    assert text.startswith("Gate: regression.")
-    assert "rover/nobg-ours" in text.splitlines()[4]
-    assert max(map(len, text.splitlines())) <= 110
-    summary = output.markdown(report, [("View 0016.jpg", "worst.png")])
-    assert "**worse**" in summary
-    assert "![View 0016.jpg](worst.png)" in summary
-
-
-def test_a_quiet_gate_says_how_well_it_sees_and_no_more(old: Rows) -> None:
-    first, second = output.terminal(compare(old, old)).splitlines()
-    assert first.startswith("Gate: pass.")
-    assert second.startswith("A loss in all cells would be named from: PSNR 0.10 dB, ")
-
-
-def test_the_self_check_trusts_the_gate_on_quiet_rows(old: Rows) -> None:
-    runs = [jittered(old, seed=seed) for seed in (2, 3, 4)]
-    result = self_check.self_check(runs, comparisons=20)
-    assert result.trusted
-    assert result == self_check.self_check(runs, comparisons=20)
-    assert "the gate may be trusted" in self_check.told(result)
-
-
-def test_the_self_check_does_not_trust_it_on_rows_that_jump(old: Rows) -> None:
-    runs = [jittered(old, 1.0, seed=seed) for seed in (2, 3)]
-    wild = self_check.self_check(runs, comparisons=12)
-    assert wild.resampled.false_alarms.share < 0.1
-    assert not wild.trusted
-    assert "may not be trusted" in self_check.told(wild)
-
-
-def test_a_self_check_needs_two_runs_of_the_same_grid(old: Rows) -> None:
-    with pytest.raises(InputError, match="same finished experiments"):
-        self_check.self_check([old, old[1:]])
-    with pytest.raises(InputError, match="two runs or more"):
-        self_check.self_check([old])
-
-
-def test_findings_know_how_bad_they_are() -> None:
-    bad = Finding(
-        "c", "quality", "psnr", Verdict.WORSE, change=statistics.sample([-0.4, -0.4]), margin=0.1
-    )
-    assert bad.severity == pytest.approx(-4)
-
-
-def test_everything_is_written_for_machines_and_people(
-    pictured: tuple[Rows, Path], tmp_path: Path
-) -> None:
-    old, root = pictured
-    rows = changed(
-        old, lambda row: shift_views(row, psnr=-2.0), lambda row: row["method"] == "ours"
-    )
-    report = compare(rows, old)
-    shown = pictures.draw(report, rows, root, tmp_path, baseline=old, baseline_root=root)
-    assert [name for _, name in shown] == ["gate-1.png", "gate-2.png"]
-    with Image.open(tmp_path / "gate-1.png") as image:
-        assert image.size == (4 * 96 + 3 * pictures.GAP, 72)
-    paths = output.write(report, tmp_path, shown)
-    assert set(paths) == {"md", "xml", "json"}
-    assert "](gate-1.png)" in paths["md"].read_text()
-    assert pictures.draw(report, rows, None, tmp_path) == []

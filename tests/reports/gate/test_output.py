@@ -1,0 +1,104 @@
+"""What the gate prints and writes, and its check of itself."""
+
+import json
+from pathlib import Path
+from xml.etree import ElementTree
+
+import jsonschema
+import pytest
+from PIL import Image
+
+from mattgs_ops.errors import InputError
+from reports.gate import output, pictures, self_check
+from reports.gate.compare import compare
+from reports.gate.findings import ALL_CELLS, Finding, Verdict
+from reports.rows import statistics
+from tests.reports.gate.conftest import SCHEMA, Rows, changed, jittered, poison, shift_views
+
+
+def test_json_follows_its_schema(old: Rows) -> None:
+    for rows in (old, old[4:], changed(old, poison)):
+        document = json.loads(output.to_json(compare(rows, old)))
+        jsonschema.validate(document, json.loads(SCHEMA.read_text()))
+
+
+def test_junit_counts_what_it_holds(old: Rows) -> None:
+    rows = changed(old, lambda row: shift_views(row, psnr=-2.0))
+    root = ElementTree.fromstring(output.junit(compare(rows, old)))
+    assert len(root) == 13
+    for suite in root:
+        assert int(suite.get("tests", 0)) == len(suite.findall("testcase"))
+        assert int(suite.get("failures", 0)) == len(suite.findall("testcase/failure")) >= 1
+    first = root[0].find("testcase/failure")
+    assert root[0].get("name") == ALL_CELLS
+    assert first is not None
+    assert "worse" in str(first.get("message"))
+
+
+def test_people_read_the_worst_first(old: Rows) -> None:
+    rows = changed(old, lambda row: shift_views(row, psnr=-0.5))
+    rows[3]["per_view"][2]["psnr"] -= 0.8
+    shift_views(rows[3], psnr=-3.0)
+    report = compare(rows, old)
+    assert report.findings[0].worst_view == "0016.jpg"
+    text = output.terminal(report)
+    assert text.startswith("Gate: regression.")
+    assert "rover/nobg-ours" in text.splitlines()[4]
+    assert max(map(len, text.splitlines())) <= 110
+    summary = output.markdown(report, [("View 0016.jpg", "worst.png")])
+    assert "**worse**" in summary
+    assert "![View 0016.jpg](worst.png)" in summary
+
+
+def test_a_quiet_gate_says_how_well_it_sees_and_no_more(old: Rows) -> None:
+    first, second = output.terminal(compare(old, old)).splitlines()
+    assert first.startswith("Gate: pass.")
+    assert second.startswith("A loss in all cells would be named from: PSNR 0.10 dB, ")
+
+
+def test_the_self_check_trusts_the_gate_on_quiet_rows(old: Rows) -> None:
+    runs = [jittered(old, seed=seed) for seed in (2, 3, 4)]
+    result = self_check.self_check(runs, comparisons=20)
+    assert result.trusted
+    assert result == self_check.self_check(runs, comparisons=20)
+    assert "the gate may be trusted" in self_check.told(result)
+
+
+def test_the_self_check_does_not_trust_it_on_rows_that_jump(old: Rows) -> None:
+    runs = [jittered(old, 1.0, seed=seed) for seed in (2, 3)]
+    wild = self_check.self_check(runs, comparisons=12)
+    assert wild.resampled.false_alarms.share < 0.1
+    assert not wild.trusted
+    assert "may not be trusted" in self_check.told(wild)
+
+
+def test_a_self_check_needs_two_runs_of_the_same_grid(old: Rows) -> None:
+    with pytest.raises(InputError, match="same finished experiments"):
+        self_check.self_check([old, old[1:]])
+    with pytest.raises(InputError, match="two runs or more"):
+        self_check.self_check([old])
+
+
+def test_findings_know_how_bad_they_are() -> None:
+    bad = Finding(
+        "c", "quality", "psnr", Verdict.WORSE, change=statistics.sample([-0.4, -0.4]), margin=0.1
+    )
+    assert bad.severity == pytest.approx(-4)
+
+
+def test_everything_is_written_for_machines_and_people(
+    pictured: tuple[Rows, Path], tmp_path: Path
+) -> None:
+    old, root = pictured
+    rows = changed(
+        old, lambda row: shift_views(row, psnr=-2.0), lambda row: row["method"] == "ours"
+    )
+    report = compare(rows, old)
+    shown = pictures.draw(report, rows, root, tmp_path, baseline=old, baseline_root=root)
+    assert [name for _, name in shown] == ["gate-1.png", "gate-2.png"]
+    with Image.open(tmp_path / "gate-1.png") as image:
+        assert image.size == (4 * 96 + 3 * pictures.GAP, 72)
+    paths = output.write(report, tmp_path, shown)
+    assert set(paths) == {"md", "xml", "json"}
+    assert "](gate-1.png)" in paths["md"].read_text()
+    assert pictures.draw(report, rows, None, tmp_path) == []

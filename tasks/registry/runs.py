@@ -4,7 +4,8 @@ One MLflow experiment per benchmark, one flat run per row (nested runs break the
 A run carries tags to group and filter by, the configuration as flat parameters, the row's metrics
 under their plain names, the training curve as metrics ``curve_*`` by step, and the per-view scores
 and the row itself as artifacts. A row that is recorded again updates its run, which the tags
-``mattgs.row`` and ``mattgs.training`` (the training's key) name. What a run has is not logged again.
+``mattgs.row`` and ``mattgs.training`` (the training's key) name. What a run has is not logged
+again.
 
 A fresh SQLite database must be initialised once (:func:`initialise`) before several processes use
 it: concurrent first use would corrupt it for good.

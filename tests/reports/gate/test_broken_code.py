@@ -17,7 +17,7 @@ import pytest
 
 from benchmarks import gate_runs
 from mattgs_ops.capture.scene import Scene
-from mattgs_ops.score import evaluate
+from mattgs_ops.score import speed
 from mattgs_ops.segment import infer
 from mattgs_ops.splat import render as rendering
 from mattgs_ops.splat.files.ply import read_ply, write_ply
@@ -35,7 +35,7 @@ from tests.reports.gate.tiny_board import AGAIN, CELLS, SLEEP, SPEED, Line, Plan
 def planted(tmp_path_factory: pytest.TempPathFactory) -> Planted:
     """Return the line and the rows of its healthy code."""
     with pytest.MonkeyPatch.context() as quick:
-        quick.setattr(evaluate, "FEWEST_SECONDS", 0.4)
+        quick.setattr(speed, "FEWEST_SECONDS", 0.4)
         line = Line(tmp_path_factory.mktemp("planted"))
         return line, [line.run(cell) for cell in CELLS]
 
@@ -156,7 +156,7 @@ def test_a_sleep_in_the_rasteriser_is_worse_in_speed(
 
     monkeypatch.setattr(rendering, "render", sleepy)
     monkeypatch.setattr(trainer, "render", sleepy)
-    monkeypatch.setattr(evaluate, "FEWEST_SECONDS", 0.4)
+    monkeypatch.setattr(speed, "FEWEST_SECONDS", 0.4)
     report = compare([line.run(cell) for cell in CELLS], old)
     assert report.exit_code == Exit.REGRESSION
     found = worse(report)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from mattgs_ops.synthetic.surfaces import mesh
+from mattgs_ops.synthetic.surfaces.drilled_plate import drilled_plate
 from mattgs_ops.synthetic.surfaces.mesh import Mesh
 
 
@@ -25,7 +26,7 @@ SQUARE = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]
         (mesh.cylinder(1, 2, 0.001, 256), 2 * np.pi, 0.01),
         (mesh.ball(1, 96), 4 / 3 * np.pi, 0.01),
         (mesh.prism(SQUARE, 3, 0.001), 12.0, 0.01),
-        (mesh.drilled_plate(5, 4, 1.0, 0.25, 0.2), 4.0 - 20 * 0.25**2 * np.pi * 0.2, 0.03),
+        (drilled_plate(5, 4, 1.0, 0.25, 0.2), 4.0 - 20 * 0.25**2 * np.pi * 0.2, 0.03),
     ],
     ids=["box", "cylinder", "ball", "prism", "drilled_plate"],
 )

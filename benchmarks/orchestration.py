@@ -22,7 +22,8 @@ import psutil
 from benchmarks import tiny
 from flows.grid import cells
 from flows.services import embedded
-from mattgs_ops.config import BenchmarkConfig, load_toml
+from mattgs_ops.config import BenchmarkConfig
+from mattgs_ops.config_file import load_toml
 from mattgs_ops.store.keys import stage_key
 from tasks import evaluate, measure, prepare, segment, sfm, train
 from tasks.row import Outcome

@@ -4,7 +4,8 @@ from pathlib import Path
 
 from flows.cli.run import run_benchmark
 from flows.gate import recorded
-from mattgs_ops.config import BenchmarkConfig, load_toml
+from mattgs_ops.config import BenchmarkConfig
+from mattgs_ops.config_file import load_toml
 from reports.gate import self_check
 from reports.gate.findings import Exit
 

@@ -6,13 +6,11 @@ validation are instant. Values that change results are part of a stage's key; th
 :class:`RunConfig` (threads, workers, places) never change a result.
 """
 
-import tomllib
 from pathlib import Path
 from typing import Literal
 
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
-from mattgs_ops.errors import InputError
 from mattgs_ops.frozen import Background, Frozen
 from mattgs_ops.method import METHODS, MethodConfig, unfolded
 from mattgs_ops.naming import Name
@@ -248,36 +246,3 @@ class BenchmarkConfig(Frozen):
         if name not in known:
             raise ValueError(f"method {name!r}: expected one of {', '.join(sorted(known))}")
         return known[name]
-
-
-def describe(error: ValidationError, where: str) -> InputError:
-    """Turn pydantic's report into one sentence per field, each naming field, rule and value."""
-    lines = []
-    for item in error.errors():
-        field = ".".join(str(part) for part in item["loc"]) or "the configuration"
-        found = "" if item["type"] == "missing" else f", found {item['input']!r}"
-        if item["type"] == "extra_forbidden":
-            lines.append(f"{where}: unknown key `{field}`")
-        else:
-            lines.append(f"{where}: `{field}`: {item['msg'].removeprefix('Value error, ')}{found}")
-    return InputError("\n".join(lines))
-
-
-def load_toml(path: Path) -> BenchmarkConfig:
-    """Read a benchmark's TOML file; raises :class:`InputError` naming file and field.
-
-    Relative paths of captures and masks are taken from the file's own folder.
-    """
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{path}: expected a readable TOML file: {error}") from error
-    captures = data.get("captures")
-    for capture in captures if isinstance(captures, list) else []:
-        for key in ("path", "masks"):
-            if isinstance(capture, dict) and isinstance(capture.get(key), str):
-                capture[key] = str((path.parent / capture[key]).resolve())
-    try:
-        return BenchmarkConfig.model_validate(data)
-    except ValidationError as error:
-        raise describe(error, str(path)) from error

@@ -35,7 +35,7 @@ def operate(arguments: dict[str, Any], out: Path, threads: int, progress: Progre
     """Run in the stage's process."""
     from mattgs_ops.capture.scene import Scene
     from mattgs_ops.score.evaluate import render_views, score
-    from mattgs_ops.splat.training.report import TrainingReport
+    from mattgs_ops.splat.files.training_report import TrainingReport
 
     splats, scene = Path(arguments["splats"]), Scene.load(Path(arguments["scene"]))
     sample = arguments["train_views"]

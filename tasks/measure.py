@@ -103,7 +103,7 @@ def operate(arguments: dict[str, Any], out: Path, threads: int, progress: Progre
 def _rendering(job: dict[str, Any], resolution: int, threads: int) -> dict[str, float]:
     from mattgs_ops.capture.scene import Scene
     from mattgs_ops.score.speed import measure_speed
-    from mattgs_ops.splat.training.report import TrainingReport
+    from mattgs_ops.splat.files.training_report import TrainingReport
 
     splats = Path(job["splats"])
     return measure_speed(
@@ -123,7 +123,7 @@ def _training(
 
     Raises :class:`StageError` when it comes to other splats than it did on such a machine.
     """
-    from mattgs_ops.splat.training.report import TrainingReport
+    from mattgs_ops.splat.files.training_report import TrainingReport
 
     out.mkdir()
     training.operate(job["training"] | {"scene": job["scene"]}, out, threads, no_progress)

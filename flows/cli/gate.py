@@ -140,7 +140,7 @@ def _named(benchmark: str | None, config: Path | None, out: Path) -> str:
     if benchmark is not None:
         raise InputError("--benchmark and --config: give one of them")
     from flows.cli.run import run_benchmark
-    from mattgs_ops.config import load_toml
+    from mattgs_ops.config_file import load_toml
 
     settings = load_toml(config)
     run_benchmark(settings, out.resolve())  # failed experiments are rows, and judged as such

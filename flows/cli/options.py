@@ -7,7 +7,8 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from mattgs_ops.config import BUNDLED, BenchmarkConfig, describe, load_toml
+from mattgs_ops.config import BUNDLED, BenchmarkConfig
+from mattgs_ops.config_file import describe, load_toml
 from mattgs_ops.errors import InputError
 from mattgs_ops.naming import FILE_NAME, MOST_LETTERS, slug
 

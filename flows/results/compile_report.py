@@ -10,7 +10,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from flows.grid import cells
-from mattgs_ops.config import BenchmarkConfig, load_toml
+from mattgs_ops.config import BenchmarkConfig
+from mattgs_ops.config_file import load_toml
 from mattgs_ops.errors import InputError
 from reports.page.build import build
 from reports.rows.merge import Part, merge

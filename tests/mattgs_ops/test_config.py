@@ -10,8 +10,8 @@ from mattgs_ops.config import (
     BenchmarkConfig,
     CaptureConfig,
     Condition,
-    load_toml,
 )
+from mattgs_ops.config_file import load_toml
 from mattgs_ops.errors import InputError
 from mattgs_ops.method import METHODS
 

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from mattgs_ops.config import BenchmarkConfig, load_toml
+from mattgs_ops.config import BenchmarkConfig
+from mattgs_ops.config_file import load_toml
 from mattgs_ops.errors import InputError
 from mattgs_ops.method import METHODS, MethodConfig
 

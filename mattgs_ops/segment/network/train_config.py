@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field, ValidationError, model_validator
 
-from mattgs_ops.config import describe
+from mattgs_ops.config_file import describe
 from mattgs_ops.errors import InputError
 from mattgs_ops.frozen import Frozen
 

@@ -1,4 +1,4 @@
-"""What a training says about itself: ``training.json``.
+"""What a training says about itself in ``training.json``: its loss terms and its memory.
 
 Loss terms are means over all training views of the finished splats, unrounded, full frame. They
 come by their own names because the paper's columns mix two scales:
@@ -11,13 +11,9 @@ come by their own names because the paper's columns mix two scales:
 * ``optimised_loss``: what this method's optimiser saw.
 """
 
-import json
 import resource
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -28,8 +24,6 @@ from mattgs_ops.splat.rasterize import render
 from mattgs_ops.splat.ssim import photometric_loss
 from mattgs_ops.splat.training.trainer import Trainer
 
-SCHEMA = 1
-FILE = "training.json"
 # Parameters, gradients and two moments, twice while splats are added; and the engine's own
 # records of a projected splat.
 SPLAT_COPIES = 8
@@ -37,53 +31,6 @@ ENGINE_BYTES_PER_SPLAT = 256
 VIEW_BYTES_PER_PIXEL = 4 + 3 + 4 + 4  # image and mask, photo, attention, weights of the loss
 STEP_BYTES_PER_PIXEL = 256  # rendering, target, gradient, SSIM's planes
 MIB = 1024.0 * 1024.0
-
-
-@dataclass(frozen=True)
-class TrainingReport:
-    """The content of ``training.json``; seconds are of the training loop alone.
-
-    ``wall_seconds`` and ``cpu_seconds`` leave out reading, checkpoints, curve and final scoring;
-    the parts of a resumed run add up. ``peak_memory_mib`` is the process's, libraries included;
-    ``memory_bound_mib`` was stated before the start and leaves those out.
-    """
-
-    schema: int
-    iterations: int
-    resolution: int
-    seed: int
-    threads: int
-    views: int
-    splats: int
-    starting_splats: int
-    starting_source: str
-    wall_seconds: float
-    cpu_seconds: float
-    calibration: float  # seconds of mattgs_ops.timing.calibration's workload, just before or after
-    laps: tuple[dict[str, float], ...]  # mattgs_ops.splat.training.laps; empty for a resumed run
-    resumed_from: int
-    extent: float
-    background: Colour  # behind the splats when they are scored
-    schedule: dict[str, float]
-    counters: dict[str, int]
-    loss_terms: dict[str, float]
-    peak_memory_mib: float
-    memory_bound_mib: float
-    digest: str
-
-    def save(self, folder: Path) -> None:
-        """Write ``folder/training.json``; it appears whole or not at all."""
-        partial = folder / f"{FILE}.part"
-        text = json.dumps(asdict(self), indent=1, sort_keys=True, allow_nan=False)
-        partial.write_text(text + "\n", encoding="utf-8")
-        partial.replace(folder / FILE)
-
-    @classmethod
-    def load(cls, folder: Path) -> "TrainingReport":
-        """Read ``folder/training.json``."""
-        data: dict[str, Any] = json.loads((folder / FILE).read_text(encoding="utf-8"))
-        data["background"], data["laps"] = tuple(data["background"]), tuple(data["laps"])
-        return cls(**data)
 
 
 def memory_bound(views: Sequence[StoredView], max_splats: int) -> float:

@@ -1,11 +1,12 @@
 """Train splats for one experiment: a scene in, a folder with the splats out.
 
-The folder holds ``splats.ply``, ``training.json`` (:mod:`report`), ``curve.csv`` (:mod:`curve`),
-``start.npz`` where the method chose among the starting points, ``pruned.npz`` where it removed
-splats later, ``exposures.json`` (:mod:`mattgs_ops.splat.exposure`) where photos have an exposure of
-their own and, while it runs, ``checkpoint.npz``; a killed run goes on from there by itself, and one
-that was killed after its end is found finished. Training reads the registered training views and
-the sparse points, nothing of the test views.
+The folder holds ``splats.ply``, ``training.json``
+(:mod:`mattgs_ops.splat.files.training_report`), ``curve.csv`` (:mod:`curve`), ``start.npz`` where
+the method chose among the starting points, ``pruned.npz`` where it removed splats later,
+``exposures.json`` (:mod:`mattgs_ops.splat.exposure`) where photos have an exposure of their own
+and, while it runs, ``checkpoint.npz``; a killed run goes on from there by itself, and one that was
+killed after its end is found finished. Training reads the registered training views and the sparse
+points, nothing of the test views.
 """
 
 from collections.abc import Iterator
@@ -24,6 +25,7 @@ from mattgs_ops.method import MethodConfig
 from mattgs_ops.progress import Progress, no_progress
 from mattgs_ops.splat.exposure import Exposures
 from mattgs_ops.splat.files.ply import read_ply, write_ply
+from mattgs_ops.splat.files.training_report import SCHEMA, TrainingReport
 from mattgs_ops.splat.gaussians import Splats
 from mattgs_ops.splat.photos import background_colour, store_views
 from mattgs_ops.splat.training import checkpoint
@@ -44,13 +46,7 @@ from mattgs_ops.splat.training.loop import (
     run_steps,
     seconds_since,
 )
-from mattgs_ops.splat.training.report import (
-    SCHEMA,
-    TrainingReport,
-    loss_terms,
-    memory_bound,
-    peak_memory,
-)
+from mattgs_ops.splat.training.report import loss_terms, memory_bound, peak_memory
 from mattgs_ops.splat.training.schedule import Schedule
 from mattgs_ops.splat.training.trainer import Trainer
 

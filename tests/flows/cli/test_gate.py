@@ -11,7 +11,8 @@ from typer.testing import CliRunner, Result
 from flows.cli import run as running
 from flows.cli.app import app
 from flows.grid import cells
-from mattgs_ops.config import BenchmarkConfig, load_toml
+from mattgs_ops.config import BenchmarkConfig
+from mattgs_ops.config_file import load_toml
 from mattgs_ops.errors import InputError, StageError
 from reports.gate import baseline
 from tasks.row import config_digest

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from flows.cli.app import app
 from flows.results.compile_report import compile_report
-from mattgs_ops.config import load_toml
+from mattgs_ops.config_file import load_toml
 from mattgs_ops.errors import InputError
 from tasks.row import config_digest
 from tasks.stages.stage import Cell

@@ -11,9 +11,9 @@ from mattgs_ops.capture.scene import Scene
 from mattgs_ops.config import Condition, TrainConfig
 from mattgs_ops.method import METHODS
 from mattgs_ops.splat.files.ply import read_ply
+from mattgs_ops.splat.files.training_report import TrainingReport
 from mattgs_ops.splat.photos import load_view
 from mattgs_ops.splat.render import render_view
-from mattgs_ops.splat.training.report import TrainingReport
 from mattgs_ops.splat.training.train import train
 
 STEPS = 60

@@ -15,13 +15,13 @@ from mattgs_ops.config import TrainConfig
 from mattgs_ops.errors import StageError
 from mattgs_ops.method import MethodConfig
 from mattgs_ops.splat.files.ply import read_ply
+from mattgs_ops.splat.files.training_report import TrainingReport
 from mattgs_ops.splat.photos import load_view
 from mattgs_ops.splat.rasterize import Seen, render
 from mattgs_ops.splat.ssim import PhotometricLoss
 from mattgs_ops.splat.training import schedule as schedule_module
 from mattgs_ops.splat.training import trainer as trainer_module
 from mattgs_ops.splat.training.optimise import FIELDS, Adam
-from mattgs_ops.splat.training.report import TrainingReport
 from tests.mattgs_ops.splat.training.conftest import (
     STEPS,
     Train,

@@ -1,0 +1,42 @@
+"""A benchmark's TOML file, and configuration errors as sentences that name the field."""
+
+import tomllib
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from mattgs_ops.config import BenchmarkConfig
+from mattgs_ops.errors import InputError
+
+
+def describe(error: ValidationError, where: str) -> InputError:
+    """Turn pydantic's report into one sentence per field, each naming field, rule and value."""
+    lines = []
+    for item in error.errors():
+        field = ".".join(str(part) for part in item["loc"]) or "the configuration"
+        found = "" if item["type"] == "missing" else f", found {item['input']!r}"
+        if item["type"] == "extra_forbidden":
+            lines.append(f"{where}: unknown key `{field}`")
+        else:
+            lines.append(f"{where}: `{field}`: {item['msg'].removeprefix('Value error, ')}{found}")
+    return InputError("\n".join(lines))
+
+
+def load_toml(path: Path) -> BenchmarkConfig:
+    """Read a benchmark's TOML file; raises :class:`InputError` naming file and field.
+
+    Relative paths of captures and masks are taken from the file's own folder.
+    """
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, tomllib.TOMLDecodeError) as error:
+        raise InputError(f"{path}: expected a readable TOML file: {error}") from error
+    captures = data.get("captures")
+    for capture in captures if isinstance(captures, list) else []:
+        for key in ("path", "masks"):
+            if isinstance(capture, dict) and isinstance(capture.get(key), str):
+                capture[key] = str((path.parent / capture[key]).resolve())
+    try:
+        return BenchmarkConfig.model_validate(data)
+    except ValidationError as error:
+        raise describe(error, str(path)) from error

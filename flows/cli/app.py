@@ -164,29 +164,37 @@ app.add_typer(captures_app, name="captures")
 @captures_app.command("render")
 def render(
     name: Annotated[str, typer.Argument(help="rover, hexapod, lattepanda or desk_extra.")],
-    out: Annotated[Path, typer.Option(help="Folder to make.")],
-    views: Annotated[int, typer.Option(help="Number of photos.")] = 48,
-    resolution: Annotated[str, typer.Option(help="WIDTHxHEIGHT in pixels.")] = "640x480",
-    samples: Annotated[int | None, typer.Option(help="Per pixel; more is less noisy.")] = None,
+    out: Annotated[Path, typer.Option(help="Folder to make, or to go on with.")],
+    views: Annotated[int, typer.Option(help="Number of training photos.")] = 48,
+    test_views: Annotated[int, typer.Option(help="Number of further photos to test with.")] = 24,
+    resolution: Annotated[str, typer.Option(help="WIDTHxHEIGHT in pixels.")] = "800x600",
+    samples: Annotated[
+        int | None, typer.Option(help="Light paths per pixel; more is less noisy.")
+    ] = None,
+    test_samples: Annotated[int | None, typer.Option(help="The same for test photos.")] = None,
     seed: Annotated[int, typer.Option(help="Another seed, another desk and walk.")] = 0,
 ) -> None:
-    """Render a bundled capture anew, photos, masks and cameras (needs the extra `captures`)."""
+    """Render a capture: photos, masks and cameras (needs the extra `captures`).
+
+    The same command after an interruption goes on with the next view.
+    """
     from flows.cli.options import size
     from flows.cli.terminal import bar
     from mattgs_ops.synthetic import render as rendering
 
     width, height = size(resolution, "--resolution")
+    making = rendering.Making(
+        name,
+        seed=seed,
+        views=views,
+        test_views=test_views,
+        width=width,
+        height=height,
+        samples=rendering.SAMPLES if samples is None else samples,
+        test_samples=rendering.TEST_SAMPLES if test_samples is None else test_samples,
+    )
     with bar(f"render {name}") as progress:
-        rendering.render_capture(
-            name,
-            out,
-            views=views,
-            width=width,
-            height=height,
-            samples=rendering.SAMPLES if samples is None else samples,
-            seed=seed,
-            progress=progress,
-        )
+        rendering.render_capture(making, out, progress=progress)
     typer.echo(f"Capture: {out.resolve()}")
 
 

@@ -2,15 +2,22 @@
 
 What lies in the folder afterwards::
 
-    images/0000.jpg … masks/0000.jpg.png … ids/0000.jpg.png (test views) transforms.json object.json
+    images/0000.jpg … images/test_0000.jpg … masks/0000.jpg.png … ids/test_0000.jpg.png …
+    transforms.json object.json
+
+Training photos are what a phone would give: exposures vary, and JPEG is as a camera sets it. Test
+photos come from a walk of their own; none of them is a training photo. They are the truth that
+renders are compared with, so they have more light paths, one exposure and nearly no JPEG loss.
 
 ``transforms.json`` is nerfstudio's form: OpenGL camera-to-world matrices, one pinhole, lengths in
-centimetres. Masks are 8-bit, 255 where the object covers at least half of the pixel.
-``object.json`` holds points known to lie on the object, and how the capture was made.
+centimetres, and the split by ``train_filenames`` and ``test_filenames``. Masks hold the share of
+the pixel that the object covers, 0 to 255. ``object.json`` holds points known to lie on the object,
+and how the capture was made. A view follows from its name and the seed alone: a killed rendering
+goes on with the next view.
 """
 
 import json
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -29,95 +36,164 @@ from mattgs_ops.synthetic.surroundings.desk import furnish
 from mattgs_ops.synthetic.tracer import Layers, Tracer, choose_variant, room_light
 
 NAMES = ("rover", "hexapod", "lattepanda", "desk_extra")
-SAMPLES = 6  # light paths per pixel; with the noise filter as good as some hundreds without
-TEST_EVERY = 8
+# light paths per pixel of training and test photos (measured: benchmarks/captures/photo_noise.py)
+SAMPLES, TEST_SAMPLES = 8, 64
 EXPOSURE = 1.35
-EXPOSURE_SPREAD = 0.05  # standard deviation of the exposure from photo to photo
-QUALITY = 92
-COVERED = 0.5  # share of a pixel from which on it is the object's
+EXPOSURE_SPREAD = 0.05  # standard deviation of the exposure from training photo to training photo
+QUALITY = 90  # JPEG, colours at half resolution: a phone's
+TEST_QUALITY = 97  # JPEG, colours at full resolution
+TEST_SEED = 5_003  # apart from the seeds of a walk's training views
 PALETTE = {Part.REST: (0, 0, 0), Part.SCREW: (230, 60, 50), Part.WIRE: (60, 120, 240)}
 PALETTE |= {Part.PRINT: (250, 220, 80)}
 
 
 @dataclass(frozen=True)
+class Making:
+    """How a capture is made; written into ``object.json``."""
+
+    name: str
+    seed: int = 0
+    views: int = 48
+    test_views: int = 24
+    width: int = 800
+    height: int = 600
+    samples: int = SAMPLES
+    test_samples: int = TEST_SAMPLES
+
+    def __post_init__(self) -> None:
+        """Raise :class:`InputError` for unknown names and sizes that are not positive."""
+        if self.name not in NAMES:
+            raise InputError(f"capture {self.name!r}: expected one of {', '.join(NAMES)}")
+        for field in ("views", "width", "height", "samples", "test_samples"):
+            if getattr(self, field) < 1:
+                raise InputError(
+                    f"{field}: expected a positive number, found {getattr(self, field)}"
+                )
+        if self.test_views < 0:
+            raise InputError(f"test_views: expected no negative number, found {self.test_views}")
+
+
+@dataclass(frozen=True)
+class View:
+    """One photo to take: its file's name, camera [4, 4] (OpenGL), exposure, paths and seed."""
+
+    file: str
+    pose: Array
+    exposure: float
+    samples: int
+    seed: int
+    test: bool
+
+
+@dataclass(frozen=True)
 class World:
-    """A built scene: its stage, the walk around it, the window's direction and the light."""
+    """A built scene: its stage, the window's direction, the light and the views."""
 
     stage: Stage
-    poses: list[Array]
-    exposures: Array
     window: float
     strength: float
+    views: list[View]
 
     def light(self) -> dict[str, object]:
         """Return the light for the tracer."""
         return room_light(self.strength, self.window)
 
 
-def build_world(name: str, views: int, seed: int) -> World:
-    """Build a scene from its seed; raises :class:`InputError` for unknown names."""
-    if name not in NAMES:
-        raise InputError(f"capture {name!r}: expected one of {', '.join(NAMES)}")
-    module: ModuleType = import_module(f"mattgs_ops.synthetic.objects.{name}")
+def build_world(making: Making) -> World:
+    """Build a scene from its seed: object, desk, and the walks of training and test views."""
+    module: ModuleType = import_module(f"mattgs_ops.synthetic.objects.{making.name}")
     # one stream each, so that another number of views leaves the desk as it is
-    key = NAMES.index(name)
-    desk, thing, walk = (np.random.default_rng([seed, key, k]) for k in range(3))
+    key = NAMES.index(making.name)
+    desk, thing, walk, test_walk = (
+        np.random.default_rng([making.seed, key, stream]) for stream in range(4)
+    )
     stage = Stage()
     ground = furnish(stage, desk, module.LAYOUT)
     module.build(stage, thing, ground)
-    poses = cameras.walk(module.ORBITS, module.TARGET, views, walk)
-    exposures = EXPOSURE * np.exp(walk.normal(0, EXPOSURE_SPREAD, views))
-    return World(stage, poses, exposures, module.WINDOW, module.LIGHT)
+    poses = cameras.walk(module.ORBITS, module.TARGET, making.views, walk)
+    exposures = EXPOSURE * np.exp(walk.normal(0, EXPOSURE_SPREAD, making.views))
+    first = making.seed * 10_007
+    views = [
+        View(f"{k:04d}.jpg", pose, float(exposure), making.samples, first + k, test=False)
+        for k, (pose, exposure) in enumerate(zip(poses, exposures, strict=True))
+    ]
+    test_poses = cameras.walk(module.ORBITS, module.TARGET, making.test_views, test_walk)
+    views += [
+        View(f"test_{k:04d}.jpg", pose, EXPOSURE, making.test_samples, first + TEST_SEED + k, True)
+        for k, pose in enumerate(test_poses)
+    ]
+    return World(stage, module.WINDOW, module.LIGHT, views)
 
 
 def render_capture(
-    name: str,
-    out: Path,
-    *,
-    views: int = 48,
-    width: int = 640,
-    height: int = 480,
-    samples: int = SAMPLES,
-    seed: int = 0,
-    variant: str | None = None,
-    progress: Progress = no_progress,
+    making: Making, out: Path, *, variant: str | None = None, progress: Progress = no_progress
 ) -> None:
-    """Render a capture into ``out``, which is made and may not hold another one.
+    """Render a capture into ``out``; views that are there from an interrupted call are kept.
 
     ``variant`` is Mitsuba's, by default the fastest that runs here; it is written into
-    ``object.json``. Raises :class:`InputError` for bad arguments, :class:`StageError` without
-    Mitsuba.
+    ``object.json``. Raises :class:`InputError` for a folder that holds a finished capture or one
+    that was made otherwise, :class:`StageError` without Mitsuba.
     """
-    if min(views, width, height, samples) < 1:
-        raise InputError("views, resolution and samples: expected positive numbers")
     if (out / "transforms.json").exists():
         raise InputError(f"{out}: expected a folder without a capture, found transforms.json")
     used = choose_variant(variant)
-    progress(0, views, f"building {name}")
-    world = build_world(name, views, seed)
+    total = making.views + making.test_views
+    progress(0, total, f"building {making.name}")
+    world = build_world(making)
+    _begin(world, {**asdict(making), "variant": used}, out)
     tracer = Tracer(world.stage, world.light())
+    for k, view in enumerate(world.views):
+        if not mask_path(out, view).exists():  # written last
+            _render_view(tracer, view, making, out)
+        progress(k + 1, total, f"{view.file}, {used}")
+    frames: list[dict[str, object]] = [
+        {
+            "file_path": f"images/{view.file}",
+            "mask_path": f"masks/{view.file}.png",
+            "transform_matrix": view.pose.tolist(),
+        }
+        for view in world.views
+    ]
+    names = {
+        split: [f"images/{view.file}" for view in world.views if view.test == (split == "test")]
+        for split in ("train", "test")
+    }
+    split = {f"{key}_filenames": files for key, files in names.items()} if names["test"] else {}
+    save_transforms(frames, making.width, making.height, out / "transforms.json", split)
+
+
+def mask_path(out: Path, view: View) -> Path:
+    """Return where a view's mask lies."""
+    return out / "masks" / f"{view.file}.png"
+
+
+def _begin(world: World, made: dict[str, object], out: Path) -> None:
+    """Make the folders and ``object.json``, or check that it says the same."""
+    path = out / "object.json"
+    corners = np.concatenate(world.stage.corners)
+    data = {**made, "unit": "centimetre", "corners": np.round(corners, 5).tolist()}
+    if path.exists():
+        there = json.loads(path.read_text(encoding="utf-8"))
+        if any(there.get(key) != value for key, value in made.items()):
+            before = {key: there.get(key) for key in made}
+            raise InputError(f"{path}: expected a capture made with {made}, found {before}")
+        return
     for folder in ("images", "masks", "ids"):
         (out / folder).mkdir(parents=True, exist_ok=True)
-    frames = []
-    for k, (camera, exposure) in enumerate(zip(world.poses, world.exposures, strict=True)):
-        file = f"{k:04d}.jpg"
-        photo = photograph(tracer, camera, width, height, samples, seed * 10_007 + k, exposure)
-        layers = tracer.layers(camera, width, height)
-        PilImage.fromarray(photo).save(out / "images" / file, quality=QUALITY)
-        save_mask(layers, out / "masks" / f"{file}.png")
-        if k % TEST_EVERY == 0:
-            _save_ids(layers, out / "ids" / f"{file}.png")
-        frames.append(
-            {
-                "file_path": f"images/{file}",
-                "mask_path": f"masks/{file}.png",
-                "transform_matrix": camera.tolist(),
-            }
-        )
-        progress(k + 1, views, f"{file}, {used}")
-    made = {"name": name, "seed": seed, "samples": samples, "views": views, "variant": used}
-    _save_object(world, made, out / "object.json")
-    save_transforms(frames, width, height, out / "transforms.json")
+    path.write_text(json.dumps(data) + "\n", encoding="utf-8")
+
+
+def _render_view(tracer: Tracer, view: View, making: Making, out: Path) -> None:
+    size = making.width, making.height
+    photo = photograph(tracer, view.pose, *size, view.samples, view.seed, view.exposure)
+    layers = tracer.layers(view.pose, *size)
+    quality, subsampling = (TEST_QUALITY, "4:4:4") if view.test else (QUALITY, "4:2:0")
+    PilImage.fromarray(photo).save(
+        out / "images" / view.file, quality=quality, subsampling=subsampling
+    )
+    if view.test:
+        _save_ids(layers, out / "ids" / f"{view.file}.png")
+    save_mask(layers, mask_path(out, view))
 
 
 def photograph(
@@ -131,7 +207,7 @@ def photograph(
 ) -> NDArray[np.uint8]:
     """Return one view as a photo, [H, W, 3] uint8 sRGB."""
     traced = tracer.render(camera, width, height, samples, seed)
-    clean = denoise(traced["light"], traced["albedo"], traced["normal"], traced["depth"])
+    clean = denoise(traced["light"], traced["albedo"], traced["normal"])
     return develop(clean, exposure)
 
 
@@ -145,9 +221,14 @@ def develop(light: NDArray[np.float32], exposure: float) -> NDArray[np.uint8]:
 
 
 def save_mask(layers: Layers, path: Path) -> None:
-    """Write a view's mask, 255 where the object covers at least half of the pixel."""
-    mask = np.where(layers.coverage >= COVERED, 255, 0).astype(np.uint8)
-    PilImage.fromarray(mask).save(path, optimize=True)
+    """Write a view's mask: the share of each pixel that the object covers, 0 to 255.
+
+    The file appears whole or not at all.
+    """
+    mask = np.rint(255 * layers.coverage).astype(np.uint8)
+    part = path.with_suffix(".part")
+    PilImage.fromarray(mask).save(part, format="PNG", optimize=True)
+    part.replace(path)
 
 
 def _save_ids(layers: Layers, path: Path) -> None:
@@ -157,14 +238,14 @@ def _save_ids(layers: Layers, path: Path) -> None:
     image.save(path, optimize=True)
 
 
-def _save_object(world: World, made: dict[str, object], path: Path) -> None:
-    corners = np.concatenate(world.stage.corners)
-    data = {**made, "unit": "centimetre", "corners": np.round(corners, 5).tolist()}
-    path.write_text(json.dumps(data) + "\n", encoding="utf-8")
-
-
-def save_transforms(frames: list[dict[str, object]], width: int, height: int, path: Path) -> None:
-    """Write nerfstudio's ``transforms.json`` of one pinhole."""
+def save_transforms(
+    frames: list[dict[str, object]],
+    width: int,
+    height: int,
+    path: Path,
+    split: dict[str, list[str]] | None = None,
+) -> None:
+    """Write nerfstudio's ``transforms.json`` of one pinhole, with lists of files of a ``split``."""
     pinhole = cameras.intrinsics(width, height)
     data = {
         "camera_model": "PINHOLE",
@@ -174,6 +255,7 @@ def save_transforms(frames: list[dict[str, object]], width: int, height: int, pa
         "fl_y": pinhole.fy,
         "cx": pinhole.cx,
         "cy": pinhole.cy,
+        **(split or {}),
         "frames": frames,
     }
     path.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")

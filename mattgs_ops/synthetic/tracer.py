@@ -21,7 +21,7 @@ from mattgs_ops.synthetic.surfaces.materials import Part, Stage
 from mattgs_ops.synthetic.surfaces.mesh import Array, write_ply
 
 DEPTH = 4  # bounces of light, the last into the lamp included
-GRID = 3  # samples per pixel and direction of the layers
+GRID = 5  # samples per pixel and direction of the layers
 LLVM_VERSIONS = range(22, 15, -1)  # 15 aborts on the principled model
 LIBRARY_FOLDERS = ("/usr/lib/x86_64-linux-gnu", "/usr/lib/aarch64-linux-gnu", "/usr/lib64")
 BACKGROUND = -1
@@ -102,13 +102,13 @@ class Tracer:
     def render(
         self, camera_to_world: Array, width: int, height: int, samples: int, seed: int
     ) -> dict[str, NDArray[np.float32]]:
-        """Trace a view; linear ``light`` [H, W, 3], and ``albedo``, ``normal``, ``depth``."""
+        """Trace a view; linear ``light``, ``albedo`` and ``normal``, each [H, W, 3]."""
         import mitsuba as mi
 
         integrator = mi.load_dict(
             {
                 "type": "aov",
-                "aovs": "albedo:albedo,normal:sh_normal,depth:depth",
+                "aovs": "albedo:albedo,normal:sh_normal",
                 "image": {"type": "path", "max_depth": DEPTH},
             }
         )
@@ -117,9 +117,8 @@ class Tracer:
         out = np.nan_to_num(out.astype(np.float32), posinf=0.0, neginf=0.0)
         return {
             "light": out[..., :3],
-            "albedo": out[..., -7:-4],
-            "normal": out[..., -4:-1],
-            "depth": out[..., -1:],
+            "albedo": out[..., -6:-3],
+            "normal": out[..., -3:],
         }
 
     def layers(self, camera_to_world: Array, width: int, height: int) -> Layers:

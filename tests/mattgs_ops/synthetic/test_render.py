@@ -1,17 +1,21 @@
 """Photo, mask, id map and camera of a rendered view agree with one another."""
 
+import json
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 pytest.importorskip("mitsuba", reason="the `captures` extra is not installed")
 
 from mattgs_ops.errors import InputError
 from mattgs_ops.synthetic import cameras
 from mattgs_ops.synthetic.objects import parts
-from mattgs_ops.synthetic.render import develop, photograph, render_capture
+from mattgs_ops.synthetic.render import Making, build_world, develop, photograph, render_capture
 from mattgs_ops.synthetic.surfaces.materials import Part, Stage, plain, pose
 from mattgs_ops.synthetic.surfaces.mesh import box, quad
 from mattgs_ops.synthetic.surroundings import clutter
@@ -161,17 +165,70 @@ def test_light_is_developed_to_srgb() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "options", "message"),
-    [("castle", {}, "expected one of rover"), ("rover", {"views": 0}, "positive")],
+    ("options", "message"),
+    [
+        ({"name": "castle"}, "'castle': expected one of rover"),
+        ({"name": "rover", "views": 0}, "views: expected a positive number, found 0"),
+        ({"name": "rover", "test_views": -1}, "test_views: expected no negative number"),
+    ],
 )
-def test_bad_requests_are_refused(
-    tmp_path: Path, name: str, options: dict[str, int], message: str
-) -> None:
+def test_bad_requests_are_refused(options: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
-        render_capture(name, tmp_path / "out", **options)  # type: ignore[arg-type]
+        Making(**options)
 
 
 def test_a_capture_is_not_written_over(tmp_path: Path) -> None:
     (tmp_path / "transforms.json").touch()
     with pytest.raises(InputError, match="found transforms"):
-        render_capture("rover", tmp_path)
+        render_capture(Making("rover"), tmp_path)
+
+
+def test_test_views_are_of_a_walk_of_their_own_and_leave_training_views_as_they_are() -> None:
+    few, many = (build_world(Making("lattepanda", test_views=n)).views for n in (0, 24))
+    train, test = many[:48], many[48:]
+    for alone, beside in zip(few, train, strict=True):
+        assert alone.file == beside.file
+        assert alone.exposure == beside.exposure
+        assert np.array_equal(alone.pose, beside.pose)
+    places = np.array([view.pose[:3, 3] for view in train])
+    assert len(test) == 24
+    for view in test:
+        assert np.linalg.norm(places - view.pose[:3, 3], axis=1).min() > 0.1  # centimetres
+    assert len({view.seed for view in many}) == len({view.file for view in many}) == 72
+    assert len({view.exposure for view in train}) == 48
+    assert len({view.exposure for view in test}) == 1
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a small capture that was interrupted after two of its three views."""
+    out = tmp_path_factory.mktemp("capture") / "lattepanda"
+    with pytest.raises(KeyboardInterrupt):
+        render_capture(SMALL, out, variant="scalar_rgb", progress=interrupt)
+    return out
+
+
+SMALL = Making("lattepanda", views=2, test_views=1, width=64, height=48, samples=1, test_samples=2)
+
+
+def interrupt(done: int, total: int, _text: str = "") -> None:
+    """Stand for the user's Ctrl-C after the second of three views."""
+    if (done, total) == (2, 3):
+        raise KeyboardInterrupt
+
+
+def test_an_interrupted_rendering_goes_on_and_ends_with_the_split(capture: Path) -> None:
+    assert not (capture / "transforms.json").exists()
+    with pytest.raises(InputError, match="expected a capture made with"):
+        render_capture(replace(SMALL, seed=1), capture, variant="scalar_rgb")
+    before = {path: path.stat().st_mtime_ns for path in capture.glob("images/*")}
+    render_capture(SMALL, capture, variant="scalar_rgb")
+    assert {path: path.stat().st_mtime_ns for path in before} == before
+    transforms = json.loads((capture / "transforms.json").read_text(encoding="utf-8"))
+    assert transforms["train_filenames"] == ["images/0000.jpg", "images/0001.jpg"]
+    assert transforms["test_filenames"] == ["images/test_0000.jpg"]
+    for frame in transforms["frames"]:
+        assert (capture / frame["file_path"]).is_file()
+        mask = np.asarray(Image.open(capture / frame["mask_path"]))
+        assert ((mask > 0) & (mask < 255)).any(), "coverage, not only in or out"
+    assert [path.name for path in (capture / "ids").iterdir()] == ["test_0000.jpg.png"]

@@ -8,6 +8,8 @@ BIN := $(VENV)/bin
 KERNELS := $(wildcard mattgs_ops/splat/_kernels/*)
 # every stamp depends on what the extension and the metadata are built from
 BUILD_INPUTS := pyproject.toml CMakeLists.txt $(KERNELS)
+# the editable installation lists the modules: it is made anew when one was added, moved or removed
+MODULES := $(VENV)/.modules-$(shell find mattgs_ops tasks flows reports -name '*.py' | LC_ALL=C sort | cksum | cut -d' ' -f1)
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 
 .PHONY: run test quick-test lint types format install dev clean help
@@ -47,11 +49,15 @@ $(VENV)/bin/python:
 	  { echo "make: Python 3.11 is needed, found $$($(PYTHON) --version); set PYTHON=/path/to/python3.11"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 
-$(VENV)/.installed: $(VENV)/bin/python $(BUILD_INPUTS)
+$(MODULES): | $(VENV)/bin/python
+	@rm -f $(VENV)/.modules-*
+	@touch $@
+
+$(VENV)/.installed: $(VENV)/bin/python $(BUILD_INPUTS) $(MODULES)
 	$(PIP) install -qq --editable .
 	@touch $@
 
-$(VENV)/.installed-dev: $(VENV)/bin/python $(BUILD_INPUTS)
+$(VENV)/.installed-dev: $(VENV)/bin/python $(BUILD_INPUTS) $(MODULES)
 	$(PIP) install -qq --editable '.[dev]'
 	@touch $@ $(VENV)/.installed
 

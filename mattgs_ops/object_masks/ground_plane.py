@@ -1,9 +1,12 @@
 """The plane an object stands on, found among the points around it.
 
 Objects are photographed on desks and floors. Contact and shadow make the ground under an object
-look like a part of it to a saliency network; geometry knows better. The plane is sought by RANSAC
-(Fischler & Bolles 1981) among the points near the object that are not object, and believed only
-when it holds enough of them and all cameras look down on it; otherwise there is none.
+look like a part of it to a saliency network; geometry knows better. RANSAC (Fischler & Bolles 1981)
+looks for the plane among the points near the object that are not object. The plane counts only when
+it holds enough of them and all cameras look down on it; otherwise there is none.
+
+The RANSAC is our own: scikit-image's has no model of a plane, so that a class of this file would
+hold all but its loop.
 """
 
 from dataclasses import dataclass

@@ -155,7 +155,11 @@ def _halves(splats: Splats, rng: np.random.Generator) -> Splats:
 
 
 def rotation_matrices(quaternions: Tensor) -> Tensor:
-    """Return the rotations [N, 3, 3] of quaternions w x y z [N, 4] of any length but zero."""
+    """Return the rotations [N, 3, 3] of quaternions w x y z [N, 4] of any length but zero.
+
+    ``capture.camera.rotation_of`` does the same for one camera in numpy: what reads cameras does
+    not import torch.
+    """
     w, x, y, z = torch.nn.functional.normalize(quaternions, dim=1).unbind(dim=1)
     rows = (
         *(1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),

@@ -212,7 +212,10 @@ def prism(outline: Sequence[tuple[float, float]], height: float, bevel: float = 
 
 
 def write_ply(mesh: Mesh, path: Path) -> None:
-    """Write a binary PLY with normals and texture coordinates, as Mitsuba reads it."""
+    """Write a binary PLY with normals and texture coordinates, as Mitsuba reads it.
+
+    Not by plyfile, which writes lists of faces one by one in Python: 0.9 s for 400,000.
+    """
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(mesh.vertices)}"]
     header += [f"property float {name}" for name in ("x", "y", "z", "nx", "ny", "nz", "u", "v")]
     header += [f"element face {len(mesh.faces)}", "property list uchar int vertex_indices"]

@@ -10,7 +10,8 @@ def cells(config: BenchmarkConfig, capture: str) -> Iterator[Cell]:
     """Yield a capture's experiments, seed by seed."""
     for seed in config.seeds:
         for condition in config.conditions:
-            yield Cell(capture, condition, seed)
+            for budget in config.budgets_of(condition):
+                yield Cell(capture, condition, seed, budget)
 
 
 def stages(config: BenchmarkConfig) -> Iterator[tuple[str, str]]:

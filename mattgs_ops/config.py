@@ -7,14 +7,16 @@ validation are instant. Values that change results are part of a stage's key; th
 """
 
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from mattgs_ops.frozen import Background, Frozen
 from mattgs_ops.method import METHODS, MethodConfig, unfolded
 from mattgs_ops.naming import Name
+from mattgs_ops.trainer import TrainerConfig
 
+FEWEST_SPLATS = 100  # that a training may be limited to
 BUNDLED = ("rover", "hexapod", "lattepanda")
 
 
@@ -118,7 +120,9 @@ class TrainConfig(Frozen):
     densify_scale: float = Field(0.01, gt=0, description="split above this share of the extent")
     prune_opacity: float = Field(0.005, ge=0, lt=1)
     opacity_reset_every: int = Field(3000, ge=1)
-    max_splats: int = Field(300_000, ge=100, description="no more are started from or added")
+    max_splats: int = Field(
+        300_000, ge=FEWEST_SPLATS, description="no more are started from or added"
+    )
     background: Literal["white", "black", "random"] = "white"
     exposure: Literal["auto", "affine", "off"] = Field(
         "auto",
@@ -201,6 +205,14 @@ class BenchmarkConfig(Frozen):
         description="further methods, or other settings of known ones; `like` names a built-in "
         "method whose settings stand where a table is silent",
     )
+    trainers: dict[Name, TrainerConfig] = Field(
+        default_factory=dict, description="other programs, each a method under its name"
+    )
+    budgets: tuple[int, ...] = Field(
+        (),
+        description="numbers of splats that no experiment may exceed; every condition is run with "
+        "each, but for trainers whose command has no {budget}",
+    )
     run: RunConfig = RunConfig()
 
     @field_validator("methods", mode="before")
@@ -210,28 +222,47 @@ class BenchmarkConfig(Frozen):
             return value
         return {name: unfolded(table) for name, table in value.items()}
 
-    @field_validator("captures", "conditions", "seeds")
+    @field_validator("captures", "conditions", "seeds", "budgets")
     @classmethod
-    def _some_and_unique(cls, value: tuple[object, ...]) -> tuple[object, ...]:
+    def _some_and_unique(
+        cls, value: tuple[object, ...], info: ValidationInfo
+    ) -> tuple[object, ...]:
         keys = [v.name if isinstance(v, CaptureConfig) else v for v in value]
-        if not keys:
+        if not keys and info.field_name != "budgets":
             raise ValueError("expected at least one, found none")
         if len(set(keys)) != len(keys):
             raise ValueError(f"expected different ones, found {', '.join(map(str, keys))}")
         return value
 
+    @field_validator("budgets")
+    @classmethod
+    def _enough_splats(cls, value: tuple[int, ...]) -> tuple[int, ...]:
+        if value and min(value) < FEWEST_SPLATS:
+            raise ValueError(f"expected {FEWEST_SPLATS} splats at least, found {min(value)}")
+        return value
+
     @model_validator(mode="after")
     def _known_conditions(self) -> "BenchmarkConfig":
+        both = sorted(self.trainers.keys() & (METHODS | self.methods).keys())
+        if both:
+            raise ValueError(f"trainers.{both[0]}: a method has that name; give it another")
         for text in self.conditions:
-            self.method(Condition.parse(text).method)
+            self.method_settings(Condition.parse(text).method)
         return self
 
-    def train_settings(self, capture: str) -> TrainConfig:
+    def train_settings(self, capture: str, budget: int | None = None) -> TrainConfig:
         """Return the training's settings for a capture, with nothing left to choose."""
-        if self.train.exposure != "auto":
-            return self.train
-        own = next(c for c in self.captures if c.name == capture).path is not None
-        return self.train.model_copy(update={"exposure": "affine" if own else "off"})
+        changed: dict[str, object] = {} if budget is None else {"max_splats": budget}
+        if self.train.exposure == "auto":
+            own = next(c for c in self.captures if c.name == capture).path is not None
+            changed["exposure"] = "affine" if own else "off"
+        return self.train.model_copy(update=changed)
+
+    def budgets_of(self, condition: str) -> tuple[int | None, ...]:
+        """Return the numbers of splats that a condition is run with; None: no limit of its own."""
+        trainer = self.trainers.get(Condition.parse(condition).method)
+        limited = trainer is None or trainer.takes_budget
+        return self.budgets if self.budgets and limited else (None,)
 
     @property
     def scored_train_views(self) -> int | None:
@@ -244,5 +275,12 @@ class BenchmarkConfig(Frozen):
         """Return the settings of a method; raises ValueError naming the known ones."""
         known = METHODS | self.methods
         if name not in known:
-            raise ValueError(f"method {name!r}: expected one of {', '.join(sorted(known))}")
+            listed = ", ".join(sorted(known.keys() | self.trainers.keys()))
+            raise ValueError(f"method {name!r}: expected one of {listed}")
         return known[name]
+
+    def method_settings(self, name: str) -> dict[str, Any]:
+        """Return what a method, or a trainer, is set to, as JSON values; raises as `method`."""
+        if name in self.trainers:
+            return self.trainers[name].model_dump(mode="json", exclude={"folder", "timeout"})
+        return self.method(name).model_dump(mode="json")

@@ -12,12 +12,14 @@ def evaluate(
     place: Place, cell: Cell, scene: Artifact, splats: Artifact, config: BenchmarkConfig
 ) -> Artifact:
     """Return the folder with ``evaluation.json``, ``renders/`` and ``truth/``."""
-    settings = {
+    settings: dict[str, Any] = {
         "condition": cell.condition,
         "resolution": config.resolution,
         "ssim_lambda": config.train.ssim_lambda,
         "train_views": config.scored_train_views,
     }
+    if Condition.parse(cell.condition).method in config.trainers:
+        settings["another_program"] = True
     stage = Stage(
         name="evaluate",
         title=f"evaluate {cell}",
@@ -35,6 +37,7 @@ def operate(arguments: dict[str, Any], out: Path, threads: int, progress: Progre
     """Run in the stage's process."""
     from mattgs_ops.capture.scene import Scene
     from mattgs_ops.score.evaluate import render_views, score
+    from mattgs_ops.score.frame import check_frame
     from mattgs_ops.splat.files.training_report import TrainingReport
 
     splats, scene = Path(arguments["splats"]), Scene.load(Path(arguments["scene"]))
@@ -52,3 +55,5 @@ def operate(arguments: dict[str, Any], out: Path, threads: int, progress: Progre
         progress=progress,
     )
     score(out, ssim_lambda=arguments["ssim_lambda"], progress=progress)
+    if arguments.get("another_program"):
+        check_frame(out, scene, splats / "splats.ply")

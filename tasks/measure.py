@@ -48,8 +48,10 @@ def measure(
     jobs: list[dict[str, Any]] = []
     for outcome in outcomes:
         scene, splats = scene_of(outcome.artifacts), outcome.artifacts["train"]
-        label = f"{outcome.cell.condition} seed {outcome.cell.seed}"
-        timed_now = place.run.sitting is None or not splats.cached
+        label = outcome.cell.label
+        other = Condition.parse(outcome.cell.condition).method in config.trainers
+        # another program is not run again: it need not come to the same splats
+        timed_now = place.run.sitting is None or not splats.cached or other
         inputs |= {f"{label} splats": splats.digest, f"{label} scene": scene.digest}
         jobs.append(
             {
@@ -77,7 +79,7 @@ def measure(
         alone=True,
     )
     found = json.loads((place.folder(perform(place, stage)) / SPEED_FILE).read_text("utf-8"))
-    return {o.cell: Speed(**found[f"{o.cell.condition} seed {o.cell.seed}"]) for o in outcomes}
+    return {o.cell: Speed(**found[o.cell.label]) for o in outcomes}
 
 
 def operate(arguments: dict[str, Any], out: Path, threads: int, progress: Progress) -> None:

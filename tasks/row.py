@@ -29,6 +29,7 @@ ARTIFACT_NAMES = {
     "train": "train",
     "evaluate": "evaluate",
 }
+TRAINER_FILE = "trainer.json"  # mattgs_ops/trainers/train.py, as slow to import
 EXPOSURES_FILE = "exposures.json"  # mattgs_ops/splat/exposure.py, which takes seconds to import
 Row = dict[str, Any]
 
@@ -62,7 +63,8 @@ def settings(config: BenchmarkConfig, cell: Cell) -> dict[str, Any]:
             "train_views",
         },
     )
-    values["train"]["exposure"] = config.train_settings(cell.capture).exposure
+    training = config.train_settings(cell.capture, cell.budget)
+    values["train"] |= {"exposure": training.exposure, "max_splats": training.max_splats}
     values["segment"]["model"] = "bundled" if model is None else file_digest(model)
     return {
         "capture": cell.capture,
@@ -70,7 +72,8 @@ def settings(config: BenchmarkConfig, cell: Cell) -> dict[str, Any]:
         "background": condition.background,
         "method": condition.method,
         "seed": cell.seed,
-        "method_settings": config.method(condition.method).model_dump(mode="json"),
+        **({} if cell.budget is None else {"budget": cell.budget}),
+        "method_settings": config.method_settings(condition.method),
         **values,
     }
 
@@ -88,6 +91,7 @@ def make_row(place: Place, config: BenchmarkConfig, outcome: Outcome) -> Row:
         "background": condition.background,
         "method": condition.method,
         "seed": cell.seed,
+        **({} if cell.budget is None else {"budget": cell.budget}),
         "iterations": config.iterations,
         "resolution": config.resolution,
         "status": "finished" if outcome.reason is None else "failed",
@@ -179,7 +183,14 @@ def _provenance(place: Place, config: BenchmarkConfig, outcome: Outcome) -> dict
         "inputs": {"capture": files.get("files", prepared_digest)},
         "outputs": digests,
         **({} if trained is None else place.extra(trained).get("machine", {})),
+        **_trainer(place, trained),
     }
+
+
+def _trainer(place: Place, trained: Artifact | None) -> dict[str, Any]:
+    """Say which program trained, where it was not this one."""
+    path = None if trained is None else place.folder(trained) / TRAINER_FILE
+    return {} if path is None or not path.is_file() else {"trainer": _read(path)}
 
 
 def config_digest(config: BenchmarkConfig, cell: Cell) -> str:
@@ -200,11 +211,18 @@ def config_digest(config: BenchmarkConfig, cell: Cell) -> str:
     changed = {name: value for name, value in changed.items() if value != {}}
     if "model" in changed.get("segment", {}):
         changed["segment"]["model"] = requested["segment"]["model"]
-    own = config.methods.get(requested["method"])
-    method = None if own is None else own.model_dump(mode="json", exclude_defaults=True)
+    trainer = config.trainers.get(requested["method"])
+    own = trainer or config.methods.get(requested["method"])
+    places = None if trainer is None else {"folder", "timeout"}
+    method = (
+        None if own is None else own.model_dump(mode="json", exclude_defaults=True, exclude=places)
+    )
     kept = ("capture", "capture_kind", "background", "method", "seed", "iterations", "resolution")
     return json_digest(
-        {name: requested[name] for name in kept} | changed | {"method_settings": method}
+        {name: requested[name] for name in kept}
+        | changed
+        | {"method_settings": method}
+        | ({} if cell.budget is None else {"budget": cell.budget})
     )
 
 

@@ -6,6 +6,7 @@ from typing import Any
 from mattgs_ops.config import NO_RESULT, BenchmarkConfig, Condition, TrainConfig
 from mattgs_ops.method import MethodConfig
 from mattgs_ops.progress import Progress
+from tasks.stages import other_program
 from tasks.stages.stage import Artifact, Cell, Place, Stage, perform
 
 CHECKPOINT = (
@@ -19,8 +20,10 @@ def train(place: Place, cell: Cell, scene: Artifact, config: BenchmarkConfig) ->
     A killed training goes on from its last checkpoint: the one in the work folder, else the copy on
     the shared store.
     """
+    if Condition.parse(cell.condition).method in config.trainers:
+        return other_program.train(place, cell, scene, config, training_title(cell))
     asked = settings(cell, config)
-    training = config.train_settings(cell.capture)
+    training = config.train_settings(cell.capture, cell.budget)
     kept = training.model_dump(mode="json", exclude=set(NO_RESULT))
     stage = Stage(
         name="train",
@@ -42,7 +45,7 @@ def settings(cell: Cell, config: BenchmarkConfig) -> dict[str, Any]:
         "background": condition.background,
         "name": condition.method,
         "method": config.method(condition.method).model_dump(mode="json"),
-        "train": config.train_settings(cell.capture).model_dump(mode="json"),
+        "train": config.train_settings(cell.capture, cell.budget).model_dump(mode="json"),
         "iterations": config.iterations,
         "resolution": config.resolution,
         "seed": cell.seed,

@@ -28,6 +28,7 @@ ROOMS = {
         "segment": {"capture", "synthetic"},
         "sfm": {"capture"},
         "splat": {"capture", "timing"},
+        "trainers": {"capture", "splat", "store", "timing"},
         "object_masks": {"capture", "segment", "sfm", "splat"},
         "score": {"capture", "splat", "store", "timing"},
     },

@@ -43,6 +43,7 @@ STAGES: dict[str, tuple[str, ...]] = {
     "evaluate": ("mattgs_ops.score.evaluate",),
     "measure": ("mattgs_ops.score.speed", "mattgs_ops.timing.calibration"),
 }
+TRAINERS = ("mattgs_ops.trainers",)  # behind trainings by other programs
 
 
 def code_version(stage: str, *more: str, root: Path = ROOT) -> str:

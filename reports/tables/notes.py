@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 
 from reports.rows.groups import condition_of, finished_of
-from reports.rows.schema import PROTOCOL, Cell, held_out_views
+from reports.rows.schema import PROTOCOL, Cell, Row, held_out_views, method_name
 from reports.tables.origins import Origin, cpu_of, measured_on
 from reports.tables.paper import PaperValues
 
@@ -41,6 +41,7 @@ def protocol_notes(selected: Sequence[Cell]) -> list[str]:
             f"truth; {many}. Protocol {PROTOCOL}."
         )
     ]
+    notes += trainer_notes(rows)
     notes += _uneven(selected, seeds)
     if {cell.key.background for cell in selected} >= {"original", "nobg"}:
         notes.append(
@@ -48,6 +49,28 @@ def protocol_notes(selected: Sequence[Cell]) -> list[str]:
             "The table of scores inside the mask compares them."
         )
     return notes
+
+
+def trainer_notes(rows: Sequence[Row]) -> list[str]:
+    """Say which lines are other programs', and what their times are of."""
+    found: dict[str, set[str]] = {}
+    for row in rows:
+        trainer = (row.get("provenance") or {}).get("trainer")
+        if trainer is not None:
+            versions = found.setdefault(method_name(row["method"]), set())
+            versions.add(str(trainer["identity"]["version"]))
+    if not found:
+        return []
+    named = []
+    for name, versions in sorted(found.items()):
+        known = ", ".join(sorted(versions - {""}))
+        named.append(f"{name} ({known})" if known else name)
+    who = f"Other programs: {', '.join(named)}."
+    times = (
+        "Their times are of the whole process, which reads the photos, trains and writes; those of "
+        "other lines are of the training loop alone. FPS is of this project's renderer for all."
+    )
+    return [f"{who} {times}"]
 
 
 def _uneven(selected: Sequence[Cell], seeds: Sequence[int]) -> list[str]:

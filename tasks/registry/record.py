@@ -18,6 +18,7 @@ KEPT = {
     "train": {
         "splats.ply": "",
         "training.json": "",
+        "trainer.json": "",
         CURVE_FILE: "",
         "start.npz": "",
         "pruned.npz": "",

@@ -17,7 +17,7 @@ from typing import Any
 from mattgs_ops.config import RunConfig
 from mattgs_ops.naming import slug
 from mattgs_ops.store import provenance
-from mattgs_ops.store.code_version import STAGES, code_version
+from mattgs_ops.store.code_version import STAGES, TRAINERS, code_version, digest_modules
 from mattgs_ops.store.keys import stage_key
 from mattgs_ops.store.store import Finished, Slot, Store
 from tasks.stages import cores, process, quiet, travelling
@@ -30,14 +30,24 @@ WORK_FOLDER = "MATTGS_WORK"  # environment variable of workers that do not see t
 
 @dataclass(frozen=True)
 class Cell:
-    """One experiment of a benchmark's grid; prints as people say it."""
+    """One experiment of a benchmark's grid; prints as people say it.
+
+    ``budget`` is the most splats that it may have, where the grid has budgets.
+    """
 
     capture: str
     condition: str
     seed: int
+    budget: int | None = None
 
     def __str__(self) -> str:
-        return f"{self.capture} {self.condition} seed {self.seed}"
+        return f"{self.capture} {self.label}"
+
+    @property
+    def label(self) -> str:
+        """What tells it from the capture's others."""
+        limit = "" if self.budget is None else f" {self.budget} splats"
+        return f"{self.condition}{limit} seed {self.seed}"
 
 
 @dataclass(frozen=True)
@@ -126,7 +136,8 @@ class Stage:
     ``spreads``: more threads make it faster, and nothing compares its time;
     ``resumes``: the operation goes on from what an interrupted attempt left in its work folder,
     once the file of this name is there; ``alone``: it waits until nothing else runs on this
-    machine.
+    machine; ``modules``: the code that counts as the stage's, where that is not the name's;
+    ``timeout``: its own limit in seconds, where it has one.
     """
 
     name: str
@@ -139,6 +150,8 @@ class Stage:
     spreads: bool = False
     resumes: str | None = None
     alone: bool = False
+    modules: tuple[str, ...] = ()
+    timeout: float | None = None
 
 
 def perform(place: Place, stage: Stage) -> Artifact:
@@ -150,7 +163,7 @@ def perform(place: Place, stage: Stage) -> Artifact:
     status = StatusFile(place.status / f"{slug(stage.title)}.json")
     before = read(status.path)
     status.begin(stage.title, stage.name)
-    version = _code_version(stage.name, source_times())
+    version = _code_version(stage.name, stage.modules, source_times())
     key = stage_key(stage.name, version, stage.parameters, stage.inputs)
     try:
         with place.open_store().stage(key, resume=stage.resumes is not None) as slot:
@@ -177,7 +190,7 @@ def _make(place: Place, stage: Stage, slot: Slot, status: StatusFile) -> Finishe
             log=place.logs / f"{slug(stage.title)}-{slot.key.digest[:KEY_LETTERS]}.log",
             status=status.path,
             threads=threads,
-            timeout=place.run.stage_timeout,
+            timeout=stage.timeout or place.run.stage_timeout,
             imports=stage.imports,
             key=str(slot.key),
         )
@@ -213,11 +226,15 @@ def _copied(place: Place, stage: Stage, slot: Slot) -> AbstractContextManager[No
 def code_versions() -> dict[str, str]:
     """Return the digest of the code behind each stage."""
     times = source_times()
-    return {name: _code_version(name, times) for name in STAGES}
+    versions = {name: _code_version(name, (), times) for name in STAGES}
+    return versions | {"trainer": _code_version("trainer", TRAINERS, times)}
 
 
 @lru_cache(maxsize=32)
-def _code_version(name: str, times: SourceTimes) -> str:
-    """Digest the code behind a stage, its task's included, again when a source was touched."""
+def _code_version(name: str, modules: tuple[str, ...], times: SourceTimes) -> str:
+    """Digest a stage's code, again when a source was touched: its task's and all behind it.
+
+    Where it names ``modules``, those and what is behind them.
+    """
     del times
-    return code_version(name, f"tasks.{name}")
+    return digest_modules(modules) if modules else code_version(name, f"tasks.{name}")

@@ -100,3 +100,49 @@ def test_photos_have_exposures_of_their_own_in_a_users_captures_only(tmp_path: P
             {"captures": [c.model_dump() for c in captures], "train": {"exposure": choice}}
         )
         assert {asked.train_settings(n).exposure for n in ("rover", "mine")} == {choice}
+
+
+TRAINER = """
+conditions = ["nobg-3dgs", "nobg-peer"]
+[trainers.peer]
+command = ["{here}/train.sh", "{data}", "-o", "{output}"]
+"""
+
+
+def test_a_trainer_is_a_method_like_any_other(tmp_path: Path) -> None:
+    config = load_toml(write(tmp_path, TRAINER))
+    assert config.trainers["peer"].folder == tmp_path.resolve()
+    assert config.method_settings("peer")["layout"] == "colmap"
+    assert BenchmarkConfig.model_validate_json(config.model_dump_json()) == config
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "what"),
+    [
+        ("{data}", "{date}", r"unknown placeholder \{date\}: expected one of \{data\}"),
+        ("trainers.peer", "trainers.3dgs", "trainers.3dgs: a method has that name"),
+        ("command = [", 'version = ["x", "{data}"]\ncommand = [', "not known before a training"),
+        ("command = [", 'result = "../a.ply"\ncommand = [', "below {output}"),
+        ("command = [", 'progress = "step"\ncommand = [', "a group around the step's number"),
+        ("command = [", 'progress = "("\ncommand = [', "not a regular expression"),
+        ('command = ["{here}/train.sh", "{data}", "-o", "{output}"]', "command = []", "a program"),
+        ("nobg-peer", "nobg-other", "expected one of 3dgs, ours, ours[+], peer"),
+    ],
+)
+def test_a_trainer_that_cannot_work_is_refused_by_name(
+    tmp_path: Path, before: str, after: str, what: str
+) -> None:
+    with pytest.raises(InputError, match=what):
+        load_toml(write(tmp_path, TRAINER.replace(before, after)))
+
+
+def test_budgets_go_to_all_that_can_keep_to_them(tmp_path: Path) -> None:
+    text = "budgets = [5000, 10000]\n" + TRAINER
+    config = load_toml(write(tmp_path, text))
+    assert config.budgets_of("nobg-3dgs") == (5000, 10_000)
+    assert config.budgets_of("nobg-peer") == (None,)
+    config = load_toml(write(tmp_path, text.replace("-o", "--max={budget}")))
+    assert config.budgets_of("nobg-peer") == (5000, 10_000)
+    assert config.train_settings("rover", 5000).max_splats == 5000
+    with pytest.raises(InputError, match=r"`budgets`: expected 100 splats at least, found 3"):
+        load_toml(write(tmp_path, "budgets = [3]\n"))

@@ -1,14 +1,18 @@
-"""Splats as formats store them: activated, normalised, in float64 NumPy arrays."""
+"""Splats as formats store them: activated, normalised, in float64 NumPy arrays; and back."""
 
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
-from mattgs_ops.splat.gaussians import Splats
+from mattgs_ops.errors import InputError
+from mattgs_ops.splat.gaussians import SH_REST, Splats
 
 SH_CONSTANT = 0.28209479177387814  # Y_0^0 = 1 / (2 √π)
+
+HALF_STEP = 0.5 / 255  # of an opacity that a byte holds
 
 Floats = NDArray[np.float64]
 
@@ -44,6 +48,42 @@ def activated(splats: Splats) -> Activated:
         colour=0.5 + SH_CONSTANT * raw["sh_dc"],
         sh_dc=raw["sh_dc"],
         sh_rest=raw["sh_rest"],
+    )
+
+
+def splats_of(
+    path: Path,
+    *,
+    means: Floats,
+    log_scales: Floats,
+    quaternions: Floats,
+    alpha: Floats,
+    sh_dc: Floats,
+    sh_rest: Floats | None = None,
+) -> Splats:
+    """Return splats of a file's numbers, opacity in [0, 1]; shapes as in :class:`Activated`.
+
+    Opacities of 0 and 1 are kept off infinity by half a step of 8 bits. Raises
+    :class:`InputError` naming the file for NaN and infinity.
+    """
+    bound = np.clip(alpha, HALF_STEP, 1 - HALF_STEP)
+    rest = np.zeros((len(means), SH_REST, 3)) if sh_rest is None else sh_rest
+    fields = {
+        "means": means,
+        "log_scales": log_scales,
+        "quaternions": quaternions,
+        "opacity_logits": np.log(bound / (1 - bound)),
+        "sh_dc": sh_dc,
+        "sh_rest": rest,
+    }
+    for name, values in fields.items():
+        if not np.isfinite(values).all():
+            raise InputError(f"{path}: expected finite numbers, found NaN or infinity in `{name}`")
+    return Splats(
+        **{
+            name: torch.from_numpy(np.ascontiguousarray(values, dtype=np.float32))
+            for name, values in fields.items()
+        }
     )
 
 

@@ -11,7 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from mattgs_ops.splat.files.activated import activated, levels, write_whole
+from mattgs_ops.errors import InputError
+from mattgs_ops.splat.files.activated import (
+    SH_CONSTANT,
+    activated,
+    levels,
+    splats_of,
+    write_whole,
+)
 from mattgs_ops.splat.gaussians import Splats
 
 RECORD = np.dtype(
@@ -31,3 +38,29 @@ def write_splat(splats: Splats, path: Path) -> None:
     table["colour"][:, 3] = levels(found.alpha * 255, 255)
     table["rotation"] = levels(found.quaternions * 128 + 128, 255)
     write_whole(path, table.tobytes())
+
+
+def read_splat(path: Path) -> Splats:
+    """Read splats; what the format does not hold, colour's dependence on direction, is zero.
+
+    Raises :class:`InputError` naming the file when it is no such file, or holds NaN.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: expected a .splat file: {error}") from error
+    if len(data) % RECORD.itemsize:
+        raise InputError(
+            f"{path}: expected {RECORD.itemsize} bytes a splat, found {len(data)} bytes"
+        )
+    table = np.frombuffer(data, dtype=RECORD)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        log_scales = np.log(table["scale"].astype(np.float64))
+    return splats_of(
+        path,
+        means=table["position"].astype(np.float64),
+        log_scales=log_scales,
+        quaternions=table["rotation"].astype(np.float64) - 128,
+        alpha=table["colour"][:, 3] / 255,
+        sh_dc=(table["colour"][:, :3] / 255 - 0.5) / SH_CONSTANT,
+    )

@@ -15,13 +15,21 @@ Source of the layout: github.com/nianticlabs/spz, README.md and ``load-spz.cc``.
 
 import gzip
 import struct
+import zlib
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mattgs_ops.errors import InputError
-from mattgs_ops.splat.files.activated import Activated, Floats, activated, levels, write_whole
+from mattgs_ops.splat.files.activated import (
+    Activated,
+    Floats,
+    activated,
+    levels,
+    splats_of,
+    write_whole,
+)
 from mattgs_ops.splat.gaussians import SH_REST, Splats
 
 MAGIC, VERSION, DEGREE = 0x5053474E, 3, 3
@@ -31,6 +39,8 @@ LIMIT = 2**23 - 1  # of a signed 24-bit number
 COLOUR_SCALE = 0.15
 TURN_STEPS = 511
 DEGREE_1_BITS, REST_BITS = 5, 4
+WORD = 4
+READ_ROTATIONS = {2: 3, 3: WORD}  # version → bytes of a rotation
 # Signs of the 15 harmonics of degree 1 to 3 when y and z change theirs
 MIRROR = np.array([-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1], dtype=np.float64)
 
@@ -94,3 +104,71 @@ def _harmonics(values: Floats) -> NDArray[np.uint8]:
         rounded = np.floor(values[:, part] * 128 + 0.5) + 128
         out[:, part] = np.clip(np.floor((rounded + step / 2) / step) * step, 0, 255)
     return out
+
+
+def read_spz(path: Path) -> Splats:
+    """Read splats of version 2 or 3, in our axes; harmonics that the file lacks are zero.
+
+    Raises :class:`InputError` naming the file when it is no such file, or cut short.
+    """
+    try:
+        data = gzip.decompress(path.read_bytes())
+        magic, version, count, degree, bits, _, _ = HEADER.unpack_from(data)
+    except (OSError, EOFError, zlib.error, struct.error) as error:
+        raise InputError(f"{path}: expected a .spz file: {error}") from error
+    if magic != MAGIC or version not in READ_ROTATIONS or degree > DEGREE:
+        raise InputError(
+            f"{path}: expected .spz of version 2 or 3, found magic {magic:#x}, version {version}, "
+            f"harmonics of degree {degree}"
+        )
+    kept = (degree + 1) ** 2 - 1
+    rotation_bytes = READ_ROTATIONS[version]
+    widths = (9, 1, 3, 3, rotation_bytes, 3 * kept)
+    ends = count * np.cumsum(widths)
+    if len(data) < HEADER.size + ends[-1]:
+        expected = HEADER.size + ends[-1]
+        raise InputError(f"{path}: cut short: expected {expected} bytes, found {len(data)}")
+    raw = np.frombuffer(data, np.uint8, int(ends[-1]), HEADER.size)
+    parts = np.split(raw, ends[:-1])
+    place, alpha, colour, scale, turn, rest = (
+        part.reshape(count, width) for part, width in zip(parts, widths, strict=True)
+    )
+    low = np.zeros((count * 3, 4), np.uint8)
+    low[:, 1:] = place.reshape(-1, 3)  # in the upper bytes, so that the sign is the number's
+    whole = (low.view("<i4")[:, 0] >> 8).reshape(count, 3)
+    read_turn = _turn_words if rotation_bytes == WORD else _turn_bytes
+    quaternions = read_turn(np.ascontiguousarray(turn))
+    harmonics = np.zeros((count, SH_REST, 3))
+    harmonics[:, :kept] = (rest.reshape(count, kept, 3) - 128.0) / 128
+    return splats_of(
+        path,
+        means=whole / 2.0**bits * [1.0, -1.0, -1.0],
+        log_scales=scale / 16 - 10.0,
+        quaternions=quaternions[:, [3, 0, 1, 2]] * [1.0, 1.0, -1.0, -1.0],
+        alpha=alpha[:, 0] / 255,
+        sh_dc=(colour / 255 - 0.5) / COLOUR_SCALE,
+        sh_rest=harmonics * MIRROR[:, None],
+    )
+
+
+def _turn_words(stored: NDArray[np.uint8]) -> Floats:
+    """Return quaternions [N, 4] xyzw of version 3's words [N, 4]; the largest is what is left."""
+    words = stored.view("<u4")[:, 0].astype(np.int64)
+    largest = words >> 30
+    out = np.zeros((len(words), 4))
+    for place in (3, 2, 1, 0):
+        there = largest != place
+        steps, negative = words & TURN_STEPS, (words >> 9) & 1
+        value = np.sqrt(0.5) * steps / TURN_STEPS * np.where(negative == 1, -1.0, 1.0)
+        out[there, place] = value[there]
+        words = np.where(there, words >> 10, words)
+    rows = np.arange(len(out))
+    out[rows, largest] = np.sqrt(np.maximum(0, 1 - (out**2).sum(axis=1)))
+    return out
+
+
+def _turn_bytes(stored: NDArray[np.uint8]) -> Floats:
+    """Return quaternions [N, 4] xyzw of version 2's bytes [N, 3]; w is what is left."""
+    xyz = stored / 127.5 - 1.0
+    w = np.sqrt(np.maximum(0, 1 - (xyz**2).sum(axis=1)))
+    return np.concatenate([xyz, w[:, None]], axis=1)

@@ -277,3 +277,17 @@ def test_columns_agree_with_the_table_of_metrics() -> None:
 
 def test_roman_numerals_go_on_after_the_papers_three() -> None:
     assert [columns.roman(n) for n in (1, 2, 3, 4, 9, 14)] == ["I", "II", "III", "IV", "IX", "XIV"]
+
+
+def test_other_programs_are_named_with_what_their_times_are_of(
+    make_row: Callable[..., Row],
+) -> None:
+    theirs = make_row("rover", "nobg", "opensplat")
+    theirs["provenance"] |= {"trainer": {"identity": {"version": "1.1.4", "files": {}}}}
+    for row in (theirs, make_row("rover", "nobg", "3dgs")):
+        row["provenance"] = row["provenance"] or {}
+    (table,) = tables.capture_tables([theirs, make_row("rover", "nobg", "3dgs")])
+    (note,) = [text for text in table.notes if "Other programs" in text]
+    assert note.startswith("Other programs: opensplat (1.1.4). Their times are of the whole proc")
+    (table,) = tables.capture_tables([make_row("rover", "nobg", "3dgs")])
+    assert not any("Other programs" in text for text in table.notes)

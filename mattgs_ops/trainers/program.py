@@ -1,0 +1,178 @@
+"""The other program itself: is it there, which version is it, and how its run goes.
+
+Its output is read line by line, copied to the stage's log, and searched for the step that it is at.
+It dies with the process that runs it; the stage's time limit ends its whole process group.
+"""
+
+import ctypes
+import os
+import re
+import resource
+import shutil
+import signal
+import subprocess
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from mattgs_ops.errors import StageError
+from mattgs_ops.store.digests import file_digest
+from mattgs_ops.trainer import TrainerConfig, fill
+
+VERSION_SECONDS = 120.0  # importing a deep learning library alone may take half a minute
+LAST_LINES = 3  # quoted when it fails
+VERSION_LETTERS, NOTE_LETTERS = 120, 60
+PR_SET_PDEATHSIG = 1  # linux/prctl.h
+# As in `Step 10: 0.12 (1%)` or `iteration=10`
+STEP = re.compile(r"\b(?:step|iteration|iter|it)\b\W{0,3}(\d[\d,_]*)", re.IGNORECASE)
+DONE_OF_ALL = re.compile(r"(\d+)\s*/\s*(\d+)")  # a progress bar's "10/1000"
+CONTROL = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]|[\x00-\x1f\x7f]")
+
+
+@dataclass(frozen=True)
+class Usage:
+    """What a run took: seconds of the process and those it waited for; MiB of the largest one."""
+
+    wall_seconds: float
+    cpu_seconds: float
+    peak_memory_mib: float
+
+
+@dataclass(frozen=True)
+class Identity:
+    """Which program it is: ``version`` as it says it, ``files`` its own by name and digest."""
+
+    version: str
+    files: Mapping[str, str]
+
+
+def identify(name: str, trainer: TrainerConfig) -> Identity:
+    """Find the program and ask for its version.
+
+    Of the command's arguments those that are files count, scripts for one: another content is
+    another trainer. Raises :class:`StageError` when the program is not there, or its version is
+    not told.
+    """
+    here = {"here": trainer.folder}
+    environment = environment_of(trainer)
+    command = [fill(part, here) for part in trainer.command]
+    files = [_found(name, command[0], environment)]
+    files += [Path(part) for part in command[1:] if "{" not in part and Path(part).is_file()]
+    digests = {path.name: file_digest(path) for path in files}
+    if trainer.version is None:
+        return Identity("", digests)
+    asked = [fill(part, here) for part in trainer.version]
+    _found(name, asked[0], environment)
+    try:
+        done = subprocess.run(
+            asked,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=VERSION_SECONDS,
+            check=False,
+            env=environment,
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise StageError(f"trainer {name}: its version is not told: {error}") from error
+    lines = [line.strip() for line in (done.stdout + done.stderr).splitlines() if line.strip()]
+    if done.returncode or not lines:
+        said = lines[-1] if lines else "nothing"
+        raise StageError(
+            f"trainer {name}: its version command ended with status {done.returncode} and said: "
+            f"{said}"
+        )
+    return Identity(CONTROL.sub("", lines[0])[:VERSION_LETTERS], digests)
+
+
+def environment_of(trainer: TrainerConfig) -> dict[str, str]:
+    """Return this process's environment with the trainer's own variables."""
+    here = {"here": trainer.folder}
+    own = {name: fill(value, here) for name, value in trainer.environment.items()}
+    return {**os.environ, **own}
+
+
+def _found(name: str, program: str, environment: Mapping[str, str]) -> Path:
+    path = shutil.which(program, path=environment.get("PATH"))
+    if path is None:
+        raise StageError(
+            f"trainer {name}: there is no program {program!r} to run; install it, or give its "
+            "path in `command` (docs/trainers.md)"
+        )
+    return Path(path)
+
+
+def run(
+    name: str,
+    command: Sequence[str],
+    folder: Path,
+    environment: Mapping[str, str],
+    on_line: Callable[[str], None],
+) -> Usage:
+    """Run a program in ``folder`` to its end; every line of its output goes to ``on_line``.
+
+    Raises :class:`StageError` when it cannot start, or ends with anything but success.
+    """
+    libc = ctypes.CDLL(None, use_errno=True)
+    last: deque[str] = deque(maxlen=LAST_LINES)
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    began = time.monotonic()
+    try:
+        process = subprocess.Popen(
+            command,
+            cwd=folder,
+            env=dict(environment),
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,  # and a carriage return ends a line too, as progress bars need
+            errors="replace",
+            # a system call that takes no lock, so that other threads cannot make it hang
+            preexec_fn=lambda: libc.prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0),  # noqa: PLW1509
+        )
+    except OSError as error:
+        raise StageError(f"trainer {name}: {command[0]} does not start: {error}") from error
+    with process:
+        try:
+            assert process.stdout is not None
+            for raw in process.stdout:
+                line = CONTROL.sub("", raw).strip()
+                if line:
+                    last.append(line)
+                    on_line(line)
+            code = process.wait()
+        except BaseException:
+            process.kill()
+            raise
+    seconds = time.monotonic() - began
+    if code != 0:
+        said = " | ".join(last) or "it printed nothing"
+        raise StageError(f"trainer {name}: its process {_how(code)}: {said}")
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return Usage(seconds, cpu, after.ru_maxrss / 1024.0)
+
+
+def _how(code: int) -> str:
+    if code > 0:
+        return f"ended with status {code}"
+    found = signal.Signals(-code).name
+    return f"was ended by {found}{' (out of memory?)' if found == 'SIGKILL' else ''}"
+
+
+def step_of(line: str, total: int, pattern: str | None) -> int | None:
+    """Return the step that a line tells, None where it tells none; ``total`` is the last."""
+    if pattern is not None:
+        found = re.search(pattern, line)
+        number = None if found is None else found[1]
+    elif (bar := DONE_OF_ALL.search(line)) is not None:
+        # a bar of something else, such as the loading of photos, has another length
+        number = bar[1] if int(bar[2]) == total else None
+    else:
+        found = STEP.search(line)
+        number = None if found is None else found[1]
+    digits = re.sub(r"\D", "", number or "")
+    return min(int(digits), total) if digits else None

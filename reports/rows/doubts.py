@@ -20,14 +20,14 @@ def warnings(rows: Sequence[Row]) -> list[str]:
     return list(told)
 
 
-def in_doubt(rows: Sequence[Row]) -> dict[str, str]:
-    """Return the captures that get no verdict, and why."""
-    found: dict[str, dict[str, None]] = {}
+def in_doubt(rows: Sequence[Row]) -> dict[str, list[str]]:
+    """Return the captures that get no verdict, and what is in doubt: masks, poses."""
+    subjects: dict[str, dict[str, None]] = {}
     for row in rows:
         for one in _of(row):
             if one["serious"]:
-                found.setdefault(row["capture"], {})[one["text"]] = None
-    return {name: "; ".join(texts) for name, texts in found.items()}
+                subjects.setdefault(row["capture"], {})[str(one["about"])] = None
+    return {name: list(about) for name, about in subjects.items()}
 
 
 def _of(row: Row) -> Sequence[Mapping[str, Any]]:

@@ -126,15 +126,15 @@ def verdicts(rows: Sequence[Row]) -> list[Verdict]:
         _of_capture(name, [c for c in selected if c.key.capture == name]) for name in captures(rows)
     ]
     return [
-        Verdict(one.capture, _doubted(one.capture, doubted[one.capture]), one.details)
+        Verdict(one.capture, _doubted(one.capture, doubted[one.capture]), ())
         if one.capture in doubted
         else one
         for one in found
     ]
 
 
-def _doubted(name: str, why: str) -> str:
-    return f"{capture_name(name)}: no verdict, for {why}."
+def _doubted(name: str, subjects: Sequence[str]) -> str:
+    return f"{capture_name(name)}: no verdict. Its {_and(subjects)} are in doubt: see the warnings."
 
 
 def _of_capture(name: str, selected: Sequence[Cell]) -> Verdict:

@@ -196,12 +196,14 @@ def test_a_capture_in_doubt_is_warned_of_at_the_top_and_gets_no_verdict(
     words = (tmp_path / "report.md").read_text(encoding="utf-8")
     sentence = "Rover: masks contradict each other. No verdict is given for it."
     assert words.index(sentence) < words.index("## Verdict")
-    assert "Rover: no verdict, for masks contradict each other." in words
+    assert "Rover: no verdict. Its masks are in doubt: see the warnings." in words
     text = page.read_text(encoding="utf-8")
     assert text.index(sentence) < text.index('id="verdict"')
     # one capture is left, and one is not enough for a sentence over all
     assert verdict.overall(rows) is None
-    assert verdict.verdicts(rows)[1].headline.startswith("Hexapod: without")
+    doubted, hexapod = verdict.verdicts(rows)
+    assert doubted.details == ()
+    assert hexapod.headline.startswith("Hexapod: without")
 
 
 def test_a_mere_note_leaves_the_verdict(make_row: Callable[..., Row], tmp_path: Path) -> None:

@@ -24,15 +24,12 @@ DOUBT = {"about": "masks", "text": TEXT, "serious": True}
 @pytest.fixture
 def rows() -> list[dict[str, Any]]:
     """Return committed rows; the rover's masks are in doubt, the other captures' are not."""
-    document: dict[str, list[dict[str, Any]]] = json.loads(QUICK.read_text(encoding="utf-8"))
-    return [
-        row | {"warnings": [DOUBT] if row["capture"] == "rover" else []} for row in document["rows"]
-    ]
+    committed = json.loads(QUICK.read_text(encoding="utf-8"))
+    return [row | {"warnings": [DOUBT] if row["capture"] == "rover" else []} for row in committed]
 
 
 def test_a_run_ends_with_its_warnings(rows: list[dict[str, Any]], tmp_path: Path) -> None:
-    document = json.loads(QUICK.read_text(encoding="utf-8")) | {"rows": rows}
-    (tmp_path / "rows.json").write_text(json.dumps(document), encoding="utf-8")
+    (tmp_path / "rows.json").write_text(json.dumps(rows), encoding="utf-8")
     text = StringIO()
     console = Console(file=text, width=200)
     run._print_end(Place(tmp_path, "quick"), tmp_path / "report.html", console, 1.0)
@@ -67,6 +64,6 @@ def test_mlflow_has_them_as_a_tag(rows: list[dict[str, Any]], tmp_path: Path) ->
     runs.initialise(uri)
     experiment = runs.open_benchmark(uri, "quick", tmp_path / "artifacts")
     for row in (rows[0], next(row for row in rows if row["capture"] != "rover")):
-        run_id = runs.record(uri, experiment, row)
+        run_id = runs.record(uri, experiment, row, parameters={})
         tag = MlflowClient(tracking_uri=uri).get_run(run_id).data.tags["warnings"]
         assert tag == "; ".join(one["text"] for one in row["warnings"])

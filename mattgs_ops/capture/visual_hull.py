@@ -43,11 +43,13 @@ def sample(
 
 
 def fill(views: Sequence[View], count: int, seed: int) -> SparsePoints:
-    """Return at most ``count`` points of the visual hull, coloured as the training photos see them.
+    """Return at most ``count`` points of the training views' visual hull, coloured as they see it.
 
-    Raises :class:`StageError` when masks and cameras agree on no volume.
+    Held-out views have no say: what a training starts from must not know them. Raises
+    :class:`StageError` when masks and cameras agree on no volume.
     """
-    posed = [v for v in views if v.camera is not None and v.mask is not None]
+    trained = [view for view in views if view.split == "train"]
+    posed = [v for v in trained if v.camera is not None and v.mask is not None]
     cameras = [v.camera for v in posed if v.camera is not None]
     masks = [_read(str(v.mask), cv2.IMREAD_GRAYSCALE) for v in posed]
     xyz = sample(cameras, masks, count, np.random.default_rng(seed))
@@ -108,13 +110,10 @@ def _in_hull(
 
 
 def _colours(xyz: Array, views: Sequence[View]) -> tuple[NDArray[np.uint8], NDArray[np.int32]]:
-    """Average the training photos' colours over the views whose mask holds the point.
-
-    Test photos have no say: what a training starts from must not know them.
-    """
+    """Average the photos' colours over the views whose mask holds the point."""
     total, hits = np.zeros((len(xyz), 3)), np.zeros(len(xyz), dtype=np.int32)
     for view in views:
-        if view.split != "train" or view.camera is None:
+        if view.camera is None:
             continue
         pixels, depths = view.camera.project(xyz)
         hit = inside(_read(str(view.mask), cv2.IMREAD_GRAYSCALE), pixels, depths)

@@ -7,7 +7,9 @@ each view: on textured ground votes make the masks, on plain ground they may kno
 are only corrected.
 
 ``agree(scene, capture, out)`` copies a scene with new masks, soft maps and votes of the points, and
-a new ``masks.json``. The scene's ``soft/`` and ``masks.json`` are those of the photos' own maps.
+a new ``masks.json``. The training views alone are the witnesses: masks of held-out views are made
+by what those have settled, from their own map and photo, and change nothing else. The scene's
+``soft/`` and ``masks.json`` are those of the photos' own maps.
 ``extra["agreement"]`` of the new scene holds the decision with its numbers.
 """
 
@@ -65,7 +67,8 @@ def agree(
     views = [view for view in scene.views if view.camera is not None]
     maps = [_read(scene.folder / "soft" / mask_name(view.name)) for view in views]
     cameras = [_camera(view, silhouettes.SIDE) for view in views]
-    outlines = silhouettes.predict(cameras, _shrunk(maps, cameras))
+    trained = [view.split == "train" for view in views]
+    outlines = silhouettes.predict(cameras, _shrunk(maps, cameras), trained)
     if outlines is None:
         return _keep(scene, out, "the photos' maps share no object")
     splats = train_surfaces(
@@ -73,10 +76,10 @@ def agree(
     )
     shown = [_camera(view, RESOLUTION) for view in views]
     asked = [_camera(view, VOTING) for view in views]
-    votes = splat_votes.collect(splats, asked, shown, maps, threads=threads)
+    votes = splat_votes.collect(splats, asked, shown, maps, trained=trained, threads=threads)
     photos = [_photo(view, camera) for view, camera in zip(views, shown, strict=True)]
     names = [view.name for view in views]
-    decision, agreed = decide(names, photos, _shrunk(maps, shown), outlines, votes)
+    decision, agreed = decide(names, photos, _shrunk(maps, shown), outlines, votes, trained)
     found = dict(zip(names, agreed, strict=True))
     ground = None if votes is None else votes.place.ground
     return _write(scene, capture, out, report, found, _told(decision, ground))

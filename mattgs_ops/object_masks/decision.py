@@ -80,18 +80,22 @@ def decide(
     own: Sequence[SoftMap],
     silhouettes: Silhouettes,
     votes: Votes | None,
+    trained: Sequence[bool] | None = None,
 ) -> tuple[Decision, list[SoftMap]]:
     """Return the decision, and each view's map [H, W] in [0, 1]: 0.5 is the outline.
 
-    ``photos`` [H, W, 3] and ``own`` [H, W] have the size of the votes.
+    ``photos`` [H, W, 3] and ``own`` [H, W] have the size of the votes. What holds for the capture
+    is decided by the views that are ``trained`` on (None: all are); the others get their masks by
+    that decision, and change it in nothing.
     """
+    heard = [index for index in range(len(names)) if trained is None or trained[index]]
     edges = [_edges(photo) for photo in photos]
     others = [
         _resized(soft, mine.shape) for soft, mine in zip(silhouettes.predicted, own, strict=True)
     ]
     by_outline = _overlaps(own, others)
     met = silhouettes.mean
-    confirmed = {"maps": _confirmed(own, edges)}
+    confirmed = {"maps": _confirmed(own, edges, heard)}
     if votes is None:
         reason = "no splat is salient to the views"
         views = tuple(
@@ -102,9 +106,9 @@ def decide(
         return Decision("maps", reason, met, None, confirmed, 0.0, False, views), maps
     by_votes = _overlaps(own, votes.sure)
     met_by_votes = float(np.mean(votes.agreement))
-    confirmed["votes"] = _confirmed(votes.sure, edges)
-    confirmed["attached"] = _confirmed(votes.whole, edges)
-    attached = max(0.0, _area(votes.whole) / max(_area(votes.sure), 1e-9) - 1)
+    confirmed["votes"] = _confirmed(votes.sure, edges, heard)
+    confirmed["attached"] = _confirmed(votes.whole, edges, heard)
+    attached = max(0.0, _area(votes.whole, heard) / max(_area(votes.sure, heard), 1e-9) - 1)
     joins = attached <= MOST_ATTACHED and confirmed["attached"] >= confirmed["votes"] - UNCONFIRMED
     voted = votes.whole if joins else votes.sure
     doubt = _doubt(met, met_by_votes, confirmed)
@@ -144,8 +148,8 @@ def _overlaps(first: Sequence[SoftMap], second: Sequence[SoftMap]) -> list[float
     return [iou(a >= HALF, b >= HALF) for a, b in zip(first, second, strict=True)]
 
 
-def _area(maps: Sequence[SoftMap]) -> float:
-    return sum(float((soft >= HALF).mean()) for soft in maps)
+def _area(maps: Sequence[SoftMap], heard: Sequence[int]) -> float:
+    return sum(float((maps[index] >= HALF).mean()) for index in heard)
 
 
 def _doubt(silhouettes: float, votes: float, confirmed: dict[str, float]) -> str:
@@ -210,8 +214,8 @@ def _edges(photo: NDArray[np.uint8]) -> Bits:
     return near
 
 
-def _confirmed(maps: Sequence[SoftMap], edges: Sequence[Bits]) -> float:
-    return float(np.mean([_on_edge(m >= HALF, e) for m, e in zip(maps, edges, strict=True)]))
+def _confirmed(maps: Sequence[SoftMap], edges: Sequence[Bits], heard: Sequence[int]) -> float:
+    return float(np.mean([_on_edge(maps[index] >= HALF, edges[index]) for index in heard]))
 
 
 def _on_edge(mask: Bits, edges: Bits) -> float:

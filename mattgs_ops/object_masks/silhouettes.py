@@ -52,14 +52,20 @@ class Silhouettes:
         return float(np.mean(self.agreement))
 
 
-def predict(cameras: Sequence[Camera], maps: Sequence[SoftMap]) -> Silhouettes | None:
+def predict(
+    cameras: Sequence[Camera], maps: Sequence[SoftMap], trained: Sequence[bool] | None = None
+) -> Silhouettes | None:
     """Predict every view's map from the others'; ``maps`` [H, W] in [0, 1] fit their cameras.
 
-    Views whose map shows nothing say nothing, and are predicted. None where fewer than two maps
-    show something, or the rays through their middles meet nowhere.
+    Views whose map shows nothing say nothing, and are predicted; so are those that are not
+    ``trained`` on (None: all are). None where fewer than two maps show something, or the rays
+    through their middles meet nowhere.
     """
     own = [soft >= SURE for soft in maps]
-    speaking = [bool(mask.any()) for mask in own]
+    speaking = [
+        bool(mask.any()) and heard
+        for mask, heard in zip(own, trained or [True] * len(own), strict=True)
+    ]
     points = _points(cameras, own, speaking)
     if points is None:
         return None

@@ -65,7 +65,7 @@ class Votes:
 
     ``predicted`` [V] are the answers that splats give a view without its own map, [H, W] in [0, 1],
     at least 0.5 where they say object; ``agreement`` is the IoU with the own map of each view that
-    found something, of splats that are each wholly object or not at all; ``soft_agreement`` that
+    voted, of splats that are each wholly object or not at all; ``soft_agreement`` that
     of ``predicted``, where splats may be half. ``sure`` and ``whole`` [V] are the views' maps by
     all votes, without and with attached parts; ``place`` is where the object is.
     """
@@ -100,33 +100,37 @@ def collect(
     shown: Sequence[Camera],
     maps: Sequence[SoftMap],
     *,
+    trained: Sequence[bool] | None = None,
     threads: int = 1,
 ) -> Votes | None:
     """Let the views vote; None where no splat is salient to them.
 
     ``asked`` are the cameras of the views at the size of asking, ``shown`` at that of the answer.
-    ``maps`` [H, W] in [0, 1], of any size; views whose map shows nothing do not vote.
+    ``maps`` [H, W] in [0, 1], of any size; views whose map shows nothing, and those that are not
+    ``trained`` on (None: all are), do not vote and get the others' answer.
     """
-    speaking = [bool((soft >= SURE).any()) for soft in maps]
+    trained = trained or [True] * len(maps)
+    speaking = [bool((m >= SURE).any()) and heard for m, heard in zip(maps, trained, strict=True)]
     voters = [camera for camera, speaks in zip(asked, speaking, strict=True) if speaks]
     heard = [soft for soft, speaks in zip(maps, speaking, strict=True) if speaks]
     if not heard:
         return None
     answers = ask(splats, voters, heard, threads=threads)
     weights = answers.weight.sum(axis=0)
-    place = locate(splats, answers.labels(), weights, asked)
+    around = [camera for camera, heard in zip(asked, trained, strict=True) if heard]
+    place = locate(splats, answers.labels(), weights, around)
     if place is None:
         return None
     labels = standing(splats, answers.labels(), place)
-    first = [surer(show(splats, labels, camera, place, threads=threads)) for camera in asked]
-    again = ask(splats, asked, first, threads=threads).labels()
+    first = [surer(show(splats, labels, camera, place, threads=threads)) for camera in around]
+    again = ask(splats, around, first, threads=threads).labels()
     sure = (standing(splats, again, place) >= SURE).astype(np.float32)
     joined = whole(splats, again, weights, place)
     by_all = [
         [show(splats, found, camera, place, threads=threads) for camera in shown]
         for found in (sure, joined)
     ]
-    predicted, firm, soft = _by_others(splats, asked, maps, answers, place, threads)
+    predicted, firm, soft = _by_others(splats, asked, maps, speaking, answers, place, threads)
     return Votes(predicted, firm, soft, by_all[0], by_all[1], place)
 
 
@@ -134,6 +138,7 @@ def _by_others(
     splats: Splats,
     cameras: Sequence[Camera],
     maps: Sequence[SoftMap],
+    speaking: Sequence[bool],
     answers: Answers,
     place: Place,
     threads: int,
@@ -144,13 +149,12 @@ def _by_others(
     views' own maps best is taken.
     """
     own, labels, soft, voter = [], [], [], 0
-    for camera, mine in zip(cameras, maps, strict=True):
+    for camera, mine, speaks in zip(cameras, maps, speaking, strict=True):
         own.append(_shrunk(mine, camera) >= SURE)
-        speaks = bool((mine >= SURE).any())
         labels.append(answers.labels(voter if speaks else None))
         soft.append(show(splats, labels[-1], camera, place, threads=threads))
         voter += speaks
-    heard = [index for index, mask in enumerate(own) if mask.any()]
+    heard = [index for index, mask in enumerate(own) if mask.any() and speaking[index]]
     met = {level: [iou(soft[k] >= level, own[k]) for k in heard] for level in LEVELS}
     best = float(LEVELS[int(np.argmax([np.mean(met[level]) for level in LEVELS]))])
     firm = []

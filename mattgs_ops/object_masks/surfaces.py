@@ -3,8 +3,6 @@
 Votes need surfaces and no experiment: plain 3DGS on the photos as they are.
 """
 
-from dataclasses import replace
-
 from mattgs_ops.capture.scene import Scene
 from mattgs_ops.config import Condition, TrainConfig
 from mattgs_ops.method import MethodConfig
@@ -24,13 +22,12 @@ def train_surfaces(
     threads: int = 1,
     progress: Progress = no_progress,
 ) -> Splats:
-    """Train on all registered photos, test views too, and return the splats.
+    """Train on all registered training photos and return the splats.
 
     ``resolution`` is the longest side in pixels. Same seed, same splats, whatever the number of
     threads. Raises what reading photos and a step of training raise.
     """
-    everything = replace(scene, views=tuple(replace(v, split="train") for v in scene.views))
     experiment = Experiment(
-        everything, PLAIN, MethodConfig(), TrainConfig(), iterations, resolution, seed
+        scene, PLAIN, MethodConfig(), TrainConfig(), iterations, resolution, seed
     )
     return train_in_memory(experiment, threads=threads, progress=progress)

@@ -4,13 +4,16 @@ Modes (``SfmConfig.mode``):
 
 - ``original``: key points of whole photos; everything from them;
 - ``masked``: key points inside masks only, everything from them (the paper's);
-- ``shared``: poses from whole photos, then all points triangulated anew, with those poses held
-  fixed, from the matches of whole photos joined by matches of the object's key points along
-  epipolar lines.
+- ``shared``: poses from whole photos; points from their matches joined by matches of the object's
+  key points along epipolar lines.
+
+Poses are found for all photos together. All points are then triangulated anew, with those poses
+held fixed, from the training photos alone: what a training starts from knows no held-out photo.
 
 A capture that brings cameras *and* points needs none of this: both are taken as they are.
 
-Whatever the mode, the masks then vote on every point (``SparsePoints.object_share``).
+Whatever the mode, the training views' masks then vote on every point
+(``SparsePoints.object_share``).
 """
 
 import shutil
@@ -150,7 +153,8 @@ def _job(
         mask = str(mask_path(masks, view).resolve())
         size = (view.width, view.height)
         photo = str(view.photo.resolve())
-        rows.append(JobView(view.name, photo, mask, *size, intrinsics, pose, view.focal))
+        held_out = view.split == "test"
+        rows.append(JobView(view.name, photo, mask, *size, intrinsics, pose, view.focal, held_out))
     return Job(str(workspace.resolve()), tuple(rows), config.model_dump(mode="json"), threads)
 
 

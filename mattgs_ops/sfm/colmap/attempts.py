@@ -221,7 +221,8 @@ def _guide(
 ) -> dict[Pair, Matches]:
     """Match a set of key points along the epipolar lines of known poses."""
     with state.step("guide"):
-        cameras = mapping.posed(model)
+        posed, job = mapping.posed(model), state.job
+        cameras = {n: camera for n, camera in posed.items() if not job.views[n].held_out}
         pairs = matching.facing(cameras)
         out = guided_matching.match_guided(
             pairs,
@@ -239,7 +240,7 @@ def _guide(
 
 
 def _reconstruct(state: Attempt, found: Sequence[Features]) -> Any:
-    """Find poses where they are not known, then points."""
+    """Find poses where they are not known, then points, from training views alone."""
     job, mode = state.job, state.answer.mode
     positions = [f.positions for f in found]
     cameras = mapping.build_cameras(job.views, state.config)
@@ -254,10 +255,8 @@ def _reconstruct(state: Attempt, found: Sequence[Features]) -> Any:
         pairs = _match(state, found, cameras)
         mapping.write_database(database, job.views, cameras, positions, pairs)
         model = _map(state, database, photos, options, known=known)
-        if mode != "shared":
-            return model
-        matches = {pair: verified.matches for pair, verified in pairs.items()}
-        sets.pop("whole")
+        matches = {pair: v.matches for pair, v in pairs.items() if _trained(job, pair)}
+        sets.pop(next(iter(sets)))  # matched already
     for name, rows in sets.items():
         matches = matching.united(matches, _guide(state, found, model, name, rows))
     if not matches:
@@ -268,6 +267,11 @@ def _reconstruct(state: Attempt, found: Sequence[Features]) -> Any:
         state.tell("triangulate", 0, 1, "points with poses held fixed")
         out = state.folder / "triangulated"
         return mapping.triangulate(model, database, photos, out, options)
+
+
+def _trained(job: Job, pair: Pair) -> bool:
+    """Say whether both views of a pair are trained on."""
+    return not any(job.views[number].held_out for number in pair)
 
 
 def _map(state: Attempt, database: Path, photos: Path, options: Any, *, known: bool) -> Any:

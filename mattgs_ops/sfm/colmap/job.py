@@ -21,6 +21,7 @@ class JobView:
     """One photo with its mask; ``pose`` is (R row by row, t), world-to-camera, where known.
 
     ``focal`` is the focal length in pixels that the photo's EXIF tells: where estimation starts.
+    A ``held_out`` photo gets a pose with all others, and shapes no point.
     """
 
     name: str
@@ -31,6 +32,7 @@ class JobView:
     intrinsics: tuple[float, float, float, float] | None  # fx, fy, cx, cy of a known pinhole
     pose: tuple[float, ...] | None  # 12 numbers
     focal: float | None = None
+    held_out: bool = False
 
 
 @dataclass(frozen=True)

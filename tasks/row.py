@@ -19,7 +19,7 @@ from mattgs_ops.segment.mask_report import MaskReport
 from mattgs_ops.store.digests import file_digest, json_digest, pixels_digest
 from tasks.stages.stage import Artifact, Cell, Place, code_versions
 
-SCHEMA, PROTOCOL = 1, 1  # as in reports/rows/schema.py, which a test compares
+SCHEMA, PROTOCOL = 1, 2  # as in reports/rows/schema.py, which a test compares
 # Stage → what a row calls its folder.
 ARTIFACT_NAMES = {
     "prepare": "capture",
@@ -114,6 +114,7 @@ def make_row(place: Place, config: BenchmarkConfig, outcome: Outcome) -> Row:
         row["registration"] = _registration(place.folder(artifacts["sfm"]))
     if outcome.reason is None:
         row |= _scores(place, artifacts)
+        row["masks"] = (row["masks"] or {}) | {"scored": _evaluation(place, artifacts)["masks"]}
     return row
 
 
@@ -132,7 +133,7 @@ def _digests(place: Place, artifacts: Mapping[str, Artifact]) -> dict[str, str]:
         views = _read(place.folder(scene_of(artifacts)) / "scene.json")["views"]
         found["split"] = split_digest({view["name"]: view["split"] for view in views})
     if "evaluate" in artifacts:
-        evaluation = _read(place.folder(artifacts["evaluate"]) / "evaluation.json")
+        evaluation = _evaluation(place, artifacts)
         found |= {name: evaluation["digests"][name] for name in ("truth", "masks")}
     return found
 
@@ -229,12 +230,16 @@ def config_digest(config: BenchmarkConfig, cell: Cell) -> str:
 def _scores(place: Place, artifacts: dict[str, Artifact]) -> dict[str, Any]:
     """Join scores and training time."""
     training = _read(place.folder(artifacts["train"]) / "training.json")
-    evaluation = _read(place.folder(artifacts["evaluate"]) / "evaluation.json")
+    evaluation = _evaluation(place, artifacts)
     metrics = dict(evaluation["metrics"])
     metrics |= {"time": training["wall_seconds"], "time_cpu": training["cpu_seconds"]}
     found: dict[str, Any] = {"metrics": metrics, "per_view": evaluation["per_view"]}
     # laps of a training and the fixed workload in turns; a resumed one has none
     return found | ({"repeats": {"time": training["laps"]}} if training["laps"] else {})
+
+
+def _evaluation(place: Place, artifacts: Mapping[str, Artifact]) -> dict[str, Any]:
+    return _read(place.folder(artifacts["evaluate"]) / "evaluation.json")
 
 
 def _masks(folder: Path) -> dict[str, Any]:

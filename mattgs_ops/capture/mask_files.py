@@ -34,7 +34,12 @@ def find_mask(folder: Path, photo_name: str) -> Path:
 
 
 def decode_mask(path: Path, size: tuple[int, int] | None = None) -> NDArray[np.uint8]:
-    """Decode a mask to 0 or 255, [H, W] uint8.
+    """Decode a mask to 0 or 255, [H, W] uint8; raises what :func:`decode_coverage` raises."""
+    return binary(decode_coverage(path, size), str(path))
+
+
+def decode_coverage(path: Path, size: tuple[int, int] | None = None) -> NDArray[np.uint8]:
+    """Decode a mask as it was saved, [H, W] uint8: of 255, the share of a pixel that is object.
 
     ``size`` is the photo's (width, height), which the mask must have. Raises :class:`InputError`
     for masks that are unreadable, coloured, 16-bit, of another size, empty, or hold 0 and 1.
@@ -54,7 +59,8 @@ def decode_mask(path: Path, size: tuple[int, int] | None = None) -> NDArray[np.u
         )
     if 0 < int(values.max()) <= 1:
         raise InputError(f"{path}: holds 0 and 1; expected 0 (background) and 255 (object)")
-    return binary(values, str(path))
+    binary(values, str(path))
+    return values
 
 
 def binary(values: NDArray[np.uint8], where: str) -> NDArray[np.uint8]:

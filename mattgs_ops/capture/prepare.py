@@ -25,7 +25,7 @@ from mattgs_ops.capture.formats.point_cloud import read_points
 from mattgs_ops.capture.formats.posed import PosedPhoto, raise_all
 from mattgs_ops.capture.mask_files import (
     binary,
-    decode_mask,
+    decode_coverage,
     find_mask,
     looks_inverted,
     polarity_problem,
@@ -67,8 +67,9 @@ def prepare(
     first included, is a test view. Lens distortion that came with the cameras is removed. Photos
     whose longer side exceeds ``max_size`` pixels are reduced with an area filter, intrinsics with
     them. Transparent photos are composited on white; masks are 0 or 255, alpha counts as object
-    from 128. Progress counts each photo twice, once checked and once written. Raises
-    :class:`InputError` that lists every problem found; nothing has been written then.
+    from 128; what they were before that threshold is written beside them, as coverage. Progress
+    counts each photo twice, once checked and once written. Raises :class:`InputError` that lists
+    every problem found; nothing has been written then.
     """
     with _opened(capture, progress) as source:
         masks_are = _check(source, progress)
@@ -79,6 +80,7 @@ def prepare(
         (out / "photos").mkdir(parents=True, exist_ok=True)
         if masks_are != "none":
             (out / "masks").mkdir(exist_ok=True)
+            (out / "coverage").mkdir(exist_ok=True)
         total = len(source.photos)
         views, lenses = [], dict[Lens, Undistortion]()
         for index, photo in enumerate(source.photos):
@@ -116,17 +118,18 @@ def _opened(capture: CaptureConfig, progress: Progress) -> Iterator[Source]:
         yield open_source(frames)
 
 
-def _mask(source: Source, where: SourcePhoto, photo: Photo) -> Mask | None:
-    """Decode a photo's mask, [H, W] of 0 and 255, still distorted; None where it has none."""
+def _coverage(source: Source, where: SourcePhoto, photo: Photo) -> Mask | None:
+    """Decode a photo's mask [H, W] as it was saved, still distorted; None where it has none."""
     posed = source.posed.get(where.path)
     if source.own_masks is not None:
-        return decode_mask(find_mask(source.own_masks, where.relative), photo.size)
+        return decode_coverage(find_mask(source.own_masks, where.relative), photo.size)
     if photo.alpha is not None:
-        return binary(photo.alpha, f"{where.path}: alpha")
+        binary(photo.alpha, f"{where.path}: alpha")
+        return photo.alpha
     if posed is not None and posed.mask is not None:
-        return decode_mask(posed.mask, photo.size)
+        return decode_coverage(posed.mask, photo.size)
     if source.masks is not None:
-        return decode_mask(find_mask(source.masks, where.relative), photo.size)
+        return decode_coverage(find_mask(source.masks, where.relative), photo.size)
     return None
 
 
@@ -158,9 +161,9 @@ def _check(source: Source, progress: Progress) -> MasksAre:
             readable.add(where.name)
             alpha = alpha or photo.alpha is not None
             problems += _camera_problems(where.path, photo, source.posed.get(where.path))
-            mask = _mask(source, where, photo)
-            if mask is not None:
-                inverted[where.name] = looks_inverted(mask)
+            coverage = _coverage(source, where, photo)
+            if coverage is not None:
+                inverted[where.name] = looks_inverted(binary(coverage, str(where.path)))
         except InputError as error:
             problems.append(str(error))
         progress(index + 1, 2 * total, f"{where.name} checked")
@@ -214,7 +217,8 @@ def _write_view(
 ) -> View:
     """Write one photo and its mask; ``lenses`` keeps the maps of lenses already seen."""
     photo = decode(where.path)
-    rgb, mask = on_white(photo), _mask(source, where, photo)
+    rgb, coverage = on_white(photo), _coverage(source, where, photo)
+    mask = None if coverage is None else binary(coverage, str(where.path))
     camera, posed = None, source.posed.get(where.path)
     if posed is not None:
         intrinsics = posed.lens.intrinsics
@@ -224,16 +228,19 @@ def _write_view(
             intrinsics = lenses[posed.lens].intrinsics
             rgb = lenses[posed.lens].photo(rgb)
             mask = None if mask is None else lenses[posed.lens].mask(mask)
+            coverage = None if coverage is None else lenses[posed.lens].coverage(coverage)
         camera = Camera(intrinsics, posed.rotation, posed.translation)
     size = _reduced(photo.size, max_size)
     if size != photo.size:
         camera = None if camera is None else camera.scaled(*size)
         rgb = _area(rgb, size)
         mask = None if mask is None else binary(_area(mask, size), f"{where.path}: reduced mask")
+        coverage = None if coverage is None else _area(coverage, size)
     file = f"{where.name}.png"
     Image.fromarray(rgb).save(out / "photos" / file, compress_level=PNG_EFFORT)
-    if mask is not None:
-        Image.fromarray(mask).save(out / "masks" / file, compress_level=PNG_EFFORT)
+    for folder, values in (("masks", mask), ("coverage", coverage)):
+        if values is not None:
+            Image.fromarray(values).save(out / folder / file, compress_level=PNG_EFFORT)
     return View(
         where.name,
         split,
@@ -243,6 +250,8 @@ def _write_view(
         camera=camera,
         ids=_write_ids(source, file, size, out),
         focal=None if photo.focal is None else photo.focal * size[0] / photo.size[0],
+        coverage=None if coverage is None else out / "coverage" / file,
+        cut_out=source.own_masks is None and photo.alpha is not None,
     )
 
 

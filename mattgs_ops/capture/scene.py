@@ -3,17 +3,21 @@
 A **prepared capture** (written by ``prepare.py``) holds upright 8-bit RGB photos, the split, and
 what came with them::
 
-    capture.json   photos/NAME.png   [masks/NAME.png]   [ids/NAME.png]   [given_points.npz]
+    capture.json   photos/NAME.png   [masks/NAME.png   coverage/NAME.png]   [ids/NAME.png]
+    [given_points.npz]
 
 A **scene** (written by ``mattgs_ops/sfm``) holds photos and masks without lens distortion, the
 pinhole cameras that were found, and the sparse points::
 
-    scene.json   photos/NAME.png   masks/NAME.png   [ids/NAME.png]   points.npz   sparse/0/*.bin
+    scene.json   photos/NAME.png   masks/NAME.png   [coverage/NAME.png]   [ids/NAME.png]
+    points.npz   sparse/0/*.bin
 
 Names are the photo's original file names (``IMG_1.jpg``; ``left__IMG_1.jpg`` for a photo that lies
 in a folder ``left`` of its own), files on disk carry ``NAME.png`` after
-COLMAP's habit (``IMG_1.jpg.png``). Masks are 8-bit, 255 = object. Ids, which a renderer knows of
-its test views, are 8-bit: 1 screws, 2 wires, 3 print, 0 the rest.
+COLMAP's habit (``IMG_1.jpg.png``). Masks are 8-bit, 255 = object; in a scene they are the
+pipeline's own, which methods train with. Coverage is the mask that came with the capture, where
+one did: of 255, the share of each pixel that is object, not thresholded; it scores. Ids, which a
+renderer knows of its test views, are 8-bit: 1 screws, 2 wires, 3 print, 0 the rest.
 """
 
 import json
@@ -37,9 +41,11 @@ POINTS_FILE = "given_points.npz"
 
 @dataclass(frozen=True)
 class View:
-    """One photo. ``photo``, ``mask`` and ``ids`` are absolute; ``camera`` is None when unknown.
+    """One photo. Paths are absolute; ``camera`` is None when unknown.
 
     ``focal`` is the focal length in pixels that the photo's EXIF tells, None where it tells none.
+    ``coverage`` is the exact mask, None where none came with the capture. ``cut_out``: the photo
+    shows the object on white already, as one with an alpha channel does.
     """
 
     name: str
@@ -51,6 +57,8 @@ class View:
     camera: Camera | None
     ids: Path | None = None
     focal: float | None = None
+    coverage: Path | None = None
+    cut_out: bool = False
 
 
 @dataclass(frozen=True)
@@ -169,14 +177,19 @@ class Scene:
         return SparsePoints(**_read_arrays(self.folder / "points.npz", names))
 
     def registered(self, split: Split) -> tuple[View, ...]:
-        """Return the views of a split that have a camera and were not dropped."""
+        """Return the views of a split that have a camera and were not dropped.
+
+        A held-out view whose exact mask is known is scored by that, whatever the pipeline found.
+        """
         lost = set(self.dropped)
+        if split == "test":
+            lost -= {view.name for view in self.views if view.coverage is not None}
         found = (v for v in self.views if v.split == split and v.camera is not None)
         return tuple(view for view in found if view.name not in lost)
 
     @property
     def dropped(self) -> tuple[str, ...]:
-        """Names of views in which no object was found: nothing is trained or scored on them."""
+        """Names of views in which no object was found: none is trained on."""
         return tuple(self.extra.get("dropped", ()))
 
     def example_view(self) -> View | None:
@@ -225,6 +238,8 @@ def _view_to_json(view: View, folder: Path) -> dict[str, Any]:
         "mask": None if view.mask is None else str(view.mask.relative_to(folder)),
         "ids": None if view.ids is None else str(view.ids.relative_to(folder)),
         "focal": view.focal,
+        "coverage": None if view.coverage is None else str(view.coverage.relative_to(folder)),
+        "cut_out": view.cut_out,
         "camera": None
         if camera is None
         else {
@@ -253,6 +268,8 @@ def _view_from_json(row: dict[str, Any], folder: Path, source: Path) -> View:
         mask=None if row["mask"] is None else place("mask"),
         ids=place("ids") if row.get("ids") else None,
         focal=row.get("focal"),
+        coverage=place("coverage") if row.get("coverage") else None,
+        cut_out=bool(row.get("cut_out", False)),
         camera=None
         if camera is None
         else Camera(

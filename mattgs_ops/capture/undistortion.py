@@ -109,6 +109,10 @@ class Undistortion:
         soft = self._remap(mask, cv2.INTER_LINEAR)
         return np.where(soft >= 128, 255, 0).astype(np.uint8)
 
+    def coverage(self, coverage: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Resample shares of a pixel [H, W] (bilinear)."""
+        return self._remap(coverage, cv2.INTER_LINEAR)
+
     def ids(self, ids: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Resample whole numbers [H, W], each pixel from the nearest; 0 outside."""
         return self._remap(ids, cv2.INTER_NEAREST)

@@ -28,7 +28,7 @@ from mattgs_ops.progress import Progress, no_progress
 from mattgs_ops.score.metrics import IMAGE_METRICS, METRICS, SSIM_REACH, score_view
 from mattgs_ops.splat.attention import paper_attention
 from mattgs_ops.splat.files.ply import read_ply
-from mattgs_ops.splat.photos import WHITE, Colour, load_view
+from mattgs_ops.splat.photos import WHITE, Colour, load_truth
 from mattgs_ops.splat.render import render_view
 from mattgs_ops.store.digests import file_digest, folder_digest, pixels_digest
 
@@ -45,12 +45,16 @@ SPLITS: tuple[Split, ...] = get_args(Split)
 
 @dataclass(frozen=True)
 class RenderedView:
-    """One view on disk; ``masked``: it has a mask; ``detailed``: its small structures are known."""
+    """One view on disk; ``masked``: it has a mask; ``detailed``: its small structures are known.
+
+    ``exact``: the mask is the one that came with the capture, not the pipeline's.
+    """
 
     name: str
     split: Split
     masked: bool
     detailed: bool = False
+    exact: bool = False
 
 
 @dataclass(frozen=True)
@@ -118,16 +122,17 @@ def render_views(
     splats = read_ply(splats_ply)
     rendered = []
     for index, view in enumerate(chosen):
-        target = load_view(view, condition.background, resolution)
+        target = load_truth(view, condition.background, resolution)
+        masked = view.mask is not None or view.coverage is not None
         pixels = render_view(splats, target.camera, shown, threads=threads)
         _save(out / "renders" / view.split / f"{view.name}.png", pixels)
         _save(out / "truth" / view.split / f"{view.name}.png", _bytes(target.image))
-        if view.mask is not None:
+        if masked:
             _save(out / "masks" / view.split / f"{view.name}.png", _bytes(target.mask))
         if view.ids is not None:
             details = _details(view.ids, target.mask.shape)
             _save(out / "details" / view.split / f"{view.name}.png", details)
-        known = view.mask is not None, view.ids is not None
+        known = masked, view.ids is not None, view.coverage is not None
         rendered.append(RenderedView(view.name, view.split, *known))
         progress(index + 1, len(chosen), f"{view.name} rendered")
     result = RenderedViews(
@@ -185,6 +190,7 @@ def score(
         "resolution": rendered.resolution,
         "ssim_lambda": ssim_lambda,
         "mask_erosion": SSIM_REACH,
+        "masks": masks_that_scored(rendered),
         "train_every": rendered.train_every,
         "metrics": metrics,
         "versions": {name: METRICS[name].version for name in metrics},
@@ -199,6 +205,14 @@ def score(
     }
     _write_json(folder / EVALUATION_FILE, evaluation)
     return evaluation
+
+
+def masks_that_scored(rendered: RenderedViews) -> Literal["exact", "pipeline", "both", "none"]:
+    """Say whose masks the held-out views are scored by."""
+    found = {view.exact for view in rendered.views if view.split == "test" and view.masked}
+    if not found:
+        return "none"
+    return "both" if len(found) > 1 else "exact" if True in found else "pipeline"
 
 
 def _what_decides(folder: Path, rendered: RenderedViews) -> dict[str, str]:

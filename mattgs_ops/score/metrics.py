@@ -5,11 +5,15 @@ are of what a file can hold. Masks are [H, W] bool. PSNR, SSIM and L1 of a run a
 views of the values per view.
 
 SSIM is the Gaussian form of Wang et al. 2004 (11 × 11 window, σ 1.5, population covariance) as
-scikit-image computes it: the mean leaves out the outermost 5 pixels. Inside a mask, L1 and squared
-error are means over the mask's pixels (a background that was multiplied away cannot lower them),
-and SSIM's map is averaged over the mask eroded by the window's reach, so that no window looks at
-what lies outside. Small structures (screws, wires, print) are the pixels that a renderer's id map
-names and the mask holds; there SSIM's map is averaged over those very pixels.
+scikit-image computes it: the mean leaves out the outermost 5 pixels.
+
+The object is scored three times, over the pixels of its mask alone (a background that was
+multiplied away cannot lower an error there): whole (``mask_``), its core (``core_``: the mask
+eroded by the reach of SSIM's window, so that no window looks at what lies outside) and its rim
+(``rim_``: the rest of the mask, silhouettes and what is thinner than the window). SSIM's map is
+averaged over those very pixels; of whole and rim its windows see what stands beside the object.
+Small structures (screws, wires, print) are the pixels that a renderer's id map names and the mask
+holds.
 """
 
 from dataclasses import dataclass, replace
@@ -48,6 +52,8 @@ class Metric:
     version: int = 1
 
 
+PARTS = ("mask", "core", "rim")  # of an object: whole, core, rim
+
 _IMAGE = (
     Metric("ssim", "SSIM", +1, "", 3, "structural similarity, full frame"),
     Metric("psnr", "PSNR", +1, "dB", 2, "peak signal-to-noise ratio, full frame"),
@@ -56,8 +62,15 @@ _IMAGE = (
     Metric("paper_l1", "L1 (eq. 15)", -1, "", 4, "mean of attention times absolute difference"),
     Metric("paper_loss", "Loss (eq. 15)", -1, "", 4, "the loss with the weighted L1"),
     Metric("mask_psnr", "PSNR in mask", +1, "dB", 2, "PSNR over the object's pixels"),
-    Metric("mask_ssim", "SSIM in mask", +1, "", 3, "SSIM's map averaged inside the eroded mask"),
+    # version 1 was averaged over what is the core now
+    Metric("mask_ssim", "SSIM in mask", +1, "", 3, "SSIM's map over the object's pixels", 2),
     Metric("mask_l1", "L1 in mask", -1, "", 4, "mean absolute difference over the object's pixels"),
+    Metric("core_psnr", "PSNR in core", +1, "dB", 2, "PSNR over the object's core"),
+    Metric("core_ssim", "SSIM in core", +1, "", 3, "SSIM's map over the object's core"),
+    Metric("core_l1", "L1 in core", -1, "", 4, "mean absolute difference over the object's core"),
+    Metric("rim_psnr", "PSNR on rim", +1, "dB", 2, "PSNR over the object's rim"),
+    Metric("rim_ssim", "SSIM on rim", +1, "", 3, "SSIM's map over the object's rim"),
+    Metric("rim_l1", "L1 on rim", -1, "", 4, "mean absolute difference over the object's rim"),
     Metric("cc_psnr", "PSNR colour-corrected", +1, "dB", 2, "PSNR after an affine fit of colour"),
     Metric(
         "mask_cc_psnr",
@@ -155,10 +168,10 @@ def mask_l1(image: Image, truth: Image, mask: MaskArray) -> float | None:
     return float(np.mean(np.abs(difference))) if difference.size else None
 
 
-def mask_ssim(image: Image, truth: Image, mask: MaskArray) -> float | None:
-    """Return SSIM's map averaged inside the eroded mask; None when nothing is left of it."""
-    values = ssim_map(image, truth)[mask_core(mask)]
-    return float(values.mean()) if values.size else None
+def object_parts(mask: MaskArray) -> dict[str, MaskArray]:
+    """Return the pixels of the whole object, of its core and of its rim, by their names."""
+    core = mask_core(mask)
+    return {"mask": mask, "core": core, "rim": mask & ~core}
 
 
 def mask_core(mask: MaskArray) -> MaskArray:
@@ -194,25 +207,27 @@ def score_view(
         "loss": (1 - ssim_lambda) * plain + dissimilar,
         "paper_l1": weighted,
         "paper_loss": (1 - ssim_lambda) * weighted + dissimilar,
-        "mask_psnr": None,
-        "mask_ssim": None,
-        "mask_l1": None,
+        **{f"{part}_{name}": None for part in PARTS for name in ("psnr", "ssim", "l1")},
         "cc_psnr": psnr(colour_corrected(image, truth), truth),
         "mask_cc_psnr": None,
         "detail_psnr": None,
         "detail_ssim": None,
     }
     if mask is not None:
-        inside = similarity[mask_core(mask)]
-        scores["mask_psnr"] = mask_psnr(image, truth, mask)
-        scores["mask_ssim"] = float(inside.mean()) if inside.size else None
-        scores["mask_l1"] = mask_l1(image, truth, mask)
+        for part, pixels in object_parts(mask).items():
+            scores[f"{part}_psnr"] = mask_psnr(image, truth, pixels)
+            scores[f"{part}_ssim"] = _mean(similarity[pixels])
+            scores[f"{part}_l1"] = mask_l1(image, truth, pixels)
         scores["mask_cc_psnr"] = mask_psnr(colour_corrected(image, truth, mask), truth, mask)
     if details is not None:
         small = details if mask is None else details & mask
         scores["detail_psnr"] = mask_psnr(image, truth, small)
-        scores["detail_ssim"] = float(similarity[small].mean()) if small.any() else None
+        scores["detail_ssim"] = _mean(similarity[small])
     return scores
+
+
+def _mean(values: NDArray[np.float64]) -> float | None:
+    return float(values.mean()) if values.size else None
 
 
 def _inner(values: NDArray[np.float64]) -> NDArray[np.float64]:

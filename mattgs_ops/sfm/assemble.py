@@ -61,7 +61,7 @@ def largest_shift(lens: Lens) -> float:
 def write_views(
     capture: PreparedCapture, masks: Path, model: SparseModel, out: Path, soft: Path | None = None
 ) -> tuple[tuple[View, ...], SparseModel, dict[str, PinholeConversion | None]]:
-    """Write photos, masks, ids and, from ``soft``, saliency maps as the pinholes see them.
+    """Write photos, masks, coverage, ids and, from ``soft``, saliency as the pinholes see them.
 
     Returns the scene's views, the model with pinholes, and each view's conversion. Views that were
     not registered keep their place, without a camera; their lens is that of photos of their size,
@@ -97,7 +97,11 @@ def write_views(
         ids = None if view.ids is None else out / "ids" / f"{view.name}.png"
         if view.ids is not None and ids is not None:
             _write_map(view.ids, None if lens is None else lens.ids, ids)
-        views.append(replace(view, photo=photo, mask=mask, camera=camera, ids=ids))
+        coverage = None if view.coverage is None else out / "coverage" / f"{view.name}.png"
+        if view.coverage is not None and coverage is not None:
+            _write_map(view.coverage, None if lens is None else lens.coverage, coverage)
+        here = replace(view, photo=photo, mask=mask, camera=camera, ids=ids, coverage=coverage)
+        views.append(here)
         used[view.name] = conversion
     return tuple(views), _pinholes(model, conversions), used
 
@@ -118,11 +122,12 @@ def write_keypoints(
 
 
 def vote(views: tuple[View, ...], model: SparseModel) -> SparsePoints:
-    """Let the scene's masks vote on every point."""
+    """Let the masks of the scene's training views vote on every point."""
     numbers = {image.name: number for number, image in model.images.items()}
     cameras, masks = {}, {}
     for view in views:
-        if view.camera is not None and view.mask is not None:
+        # what a training starts from must not know the held-out photos
+        if view.split == "train" and view.camera is not None and view.mask is not None:
             number = numbers[view.photo.name]
             cameras[number] = view.camera
             masks[number] = read_mask(view.mask.parent, view)

@@ -8,7 +8,7 @@ a file: what training sees, evaluation compares with.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -102,6 +102,18 @@ def store_view(view: View, background: Background, resolution: int) -> StoredVie
         share = mask[:, :, None] / np.float32(255)
         image = _shrink(photo * share + np.float32(255) * (1 - share), size)
     return StoredView(view.name, view.camera.scaled(*size), image, _shrink(mask, size), plain)
+
+
+def load_truth(view: View, background: Background, resolution: int) -> TrainingView:
+    """Read one view as it is scored: like :func:`load_view`, with the exact mask where known.
+
+    The object of ``nobg`` is put on white by its coverage, and the mask is the coverage. A photo
+    that shows the object on white already is its own truth.
+    """
+    if view.coverage is None:
+        return load_view(view, background, resolution)
+    exact = replace(view, mask=view.coverage)
+    return load_view(exact, "original" if view.cut_out else background, resolution)
 
 
 def store_views(views: Iterable[View], background: Background, resolution: int) -> list[StoredView]:

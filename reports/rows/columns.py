@@ -51,6 +51,15 @@ IN_MASK = (
     Column("detail_ssim", "SSIM small parts", +1, "ssim"),
     Column("splats", "Splats", 0, "count"),
 )
+# One name for each part of the object: `mask_` whole, `core_` free of silhouettes, `rim_` the rest
+CORE_AND_RIM = (
+    Column("core_psnr", "PSNR in core", +1, "db"),
+    Column("rim_psnr", "PSNR on rim", +1, "db"),
+    Column("core_ssim", "SSIM in core", +1, "ssim"),
+    Column("rim_ssim", "SSIM on rim", +1, "ssim"),
+    Column("core_l1", "L1 in core", -1, "l1"),
+    Column("rim_l1", "L1 on rim", -1, "l1"),
+)
 TRAINING = (
     Column("train_ssim", "SSIM", +1, "ssim"),
     Column("train_psnr", "PSNR", +1, "db"),

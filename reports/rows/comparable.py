@@ -16,7 +16,7 @@ DECISIVE = {"split": "the split", "masks": "the masks", "truth": "the truth"}
 # Stages that may have changed it, the first whose own digest differs did; else the last one
 CAUSES = {
     "split": ("prepare",),
-    "masks": ("segment", "agree", "evaluate"),
+    "masks": ("prepare", "segment", "agree", "evaluate"),
     "truth": ("prepare", "segment", "agree", "evaluate"),
 }
 

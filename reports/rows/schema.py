@@ -19,7 +19,7 @@ from mattgs_ops.naming import checked_row
 from mattgs_ops.naming import row_problems as names_and_paths
 
 SCHEMA = 1
-PROTOCOL = 1  # raised when the meaning of a number changes: scores across versions do not compare
+PROTOCOL = 2  # raised when the meaning of a number changes: scores across versions do not compare
 FIRST_PROTOCOL = 1  # of rows that do not say theirs
 Row = dict[str, Any]
 
@@ -43,9 +43,9 @@ FIELDS: dict[str, tuple[type, ...]] = {
 MAY_LACK = {"metrics", "per_view", "provenance", "artifacts"}
 REQUIRED_METRICS = ("ssim", "psnr", "l1", "loss", "fps", "time", "size_mb")
 BACKGROUNDS = ("original", "nobg")
-METHOD_ORDER = ("3dgs", "ours", "ours+")
+METHOD_ORDER = ("3dgs", "3dgs-tuned", "ours", "ours+")
 
-METHOD_NAMES = {"3dgs": "3DGS", "ours": "Ours", "ours+": "Ours+"}
+METHOD_NAMES = {"3dgs": "3DGS", "3dgs-tuned": "3DGS tuned", "ours": "Ours", "ours+": "Ours+"}
 BACKGROUND_NAMES = {"original": "Original", "nobg": "No BG"}
 CAPTURE_NAMES = {"rover": "Rover", "hexapod": "Hexapod", "lattepanda": "LattePanda"}
 

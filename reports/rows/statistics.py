@@ -14,6 +14,10 @@ from scipy.special import stdtrit
 
 Floats = NDArray[np.float64]
 CONFIDENCE = 0.95
+# Iglewicz and Hoaglin 1993, How to Detect and Handle Outliers, sections 3.5 and 3.6
+OUTLYING = 3.5  # modified z-score from which on a value is an outlier
+FEWEST_VALUES = 5  # with fewer, half of the values are the median and one beside it
+NORMAL_MAD, NORMAL_MEAN_AD = 1.4826, 1.2533  # standard deviations of a normal sample per deviation
 
 
 @dataclass(frozen=True)
@@ -53,6 +57,33 @@ def paired(
         return None
     table = np.array([[candidate[v, s] - baseline[v, s] for s in seeds] for v in views])
     return crossed(table, confidence)
+
+
+def by_view(
+    candidate: Mapping[tuple[str, int], float], baseline: Mapping[tuple[str, int], float]
+) -> dict[str, float]:
+    """Return ``candidate - baseline`` by view, the mean over the seeds that both have."""
+    found: dict[str, list[float]] = {}
+    for view, seed in sorted(candidate.keys() & baseline.keys()):
+        found.setdefault(view, []).append(candidate[view, seed] - baseline[view, seed])
+    return {view: float(np.mean(values)) for view, values in found.items()}
+
+
+def outliers(values: Mapping[str, float]) -> list[str]:
+    """Return the names whose values are outliers among the others.
+
+    A modified z-score, the distance from the median in median absolute deviations (scaled to the
+    standard deviation of a normal sample), beyond :data:`OUTLYING`. Where more than half of the
+    values are equal, their mean absolute deviation is the scale.
+    """
+    if len(values) < FEWEST_VALUES:
+        return []
+    numbers = np.array(list(values.values()), dtype=np.float64)
+    away = np.abs(numbers - np.median(numbers))
+    scale = NORMAL_MAD * float(np.median(away)) or NORMAL_MEAN_AD * float(away.mean())
+    if scale == 0:
+        return []
+    return [name for name, far in zip(values, away, strict=True) if far > OUTLYING * scale]
 
 
 def crossed(table: Floats, confidence: float = CONFIDENCE) -> Interval:

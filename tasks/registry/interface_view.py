@@ -15,12 +15,13 @@ VIEW_TAG = f"mlflow.sharedViewState.{KEY}"
 CREATED = 1_700_000_000_000  # milliseconds; the interface wants a date, and the same one does
 TAGS = ("capture", "background", "method", "seed", "status")
 COLUMNS = ("ssim", "psnr", "l1", "loss", "fps", "time", "size_mb")
-IN_MASK = ("mask_psnr", "mask_ssim")
+IN_MASK = ("mask_psnr", "core_psnr", "rim_psnr", "core_ssim")
 NOTE = (
     "One run per experiment, and `summary` for all of them. *Views → Benchmark* shows the columns "
     "of the tables, and as charts quality against cost; group by the tag `condition` to average "
     "over seeds. Metrics without a prefix are of held-out views, `mask_…` inside the object's "
-    "mask, `detail_…` on its small parts, `train_…` of training views, `curve_…` by step."
+    "mask, `core_…` and `rim_…` in its core and on its rim, `detail_…` on its small parts, "
+    "`train_…` of training views, `curve_…` by step."
 )
 SECTION, SECTION_NAME = "mattgs-charts", "Quality and cost"
 MOST_RUNS = 100  # that one chart shows

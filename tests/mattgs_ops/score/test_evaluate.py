@@ -121,6 +121,61 @@ def test_masks_and_truth_have_digests_of_their_pixels(
     assert after[1]["truth"] != before[1]["truth"]
 
 
+def covered(scene: Scene, folder: Path) -> Scene:
+    """Give every view an exact mask: the ball's opacity, at 8 bits."""
+    folder.mkdir()
+    views = []
+    for view in scene.views:
+        assert view.camera is not None
+        alpha = render(ball(), view.camera, WHITE).alpha.numpy()
+        path = folder / f"{view.name}.png"
+        Image.fromarray(np.rint(alpha * 255).astype(np.uint8)).save(path)
+        views.append(replace(view, coverage=path))
+    return replace(scene, views=tuple(views))
+
+
+def test_exact_masks_score_and_the_pipelines_do_not(
+    scene: Scene, ply: Path, tmp_path: Path
+) -> None:
+    """Whatever the pipeline's masks are, scores, truth and masks are the same; rows say whose."""
+    exact = covered(scene, tmp_path / "coverage")
+    render_views(exact, ply, NOBG, WIDTH, tmp_path / "one")
+    before = score(tmp_path / "one")
+    for view in scene.views:
+        assert view.mask is not None
+        Image.fromarray(np.zeros((HEIGHT, WIDTH), np.uint8)).save(view.mask)
+    lost = replace(exact, extra={"dropped": [view.name for view in scene.views]})
+    render_views(lost, ply, NOBG, WIDTH, tmp_path / "two")
+    after = score(tmp_path / "two")
+    held_out = [row for row in before["per_view"] if row["split"] == "test"]
+    assert after["per_view"] == held_out  # nothing is trained on where nothing was found
+    assert after["digests"]["masks"] == before["digests"]["masks"]
+    assert (before["masks"], after["masks"]) == ("exact", "exact")
+    render_views(scene, ply, ORIGINAL, WIDTH, tmp_path / "three")
+    assert score(tmp_path / "three")["masks"] == "pipeline"
+
+
+def test_the_truth_of_nobg_is_mixed_by_exact_coverage(
+    scene: Scene, ply: Path, tmp_path: Path
+) -> None:
+    """A pixel that is a third object is a third photo and two thirds white."""
+    view = scene.views[0]
+    Image.fromarray(np.zeros((HEIGHT, WIDTH, 3), np.uint8)).save(view.photo)
+    share = np.zeros((HEIGHT, WIDTH), np.uint8)
+    share[:, :20], share[:, 20] = 255, 85
+    Image.fromarray(share).save(tmp_path / "share.png")
+    known = changed(scene, 0, coverage=tmp_path / "share.png")
+    render_views(known, ply, NOBG, WIDTH, tmp_path / "out")
+    truth = stored(tmp_path / "out" / "truth" / "test" / "00.jpg.png")
+    assert truth[5, 18:23, 0].tolist() == [0, 0, 170, 255, 255]
+    assert stored(tmp_path / "out" / "masks" / "test" / "00.jpg.png")[5, 20] == 85
+    assert score(tmp_path / "out")["masks"] == "both"  # the other test view has none
+    # a photo with alpha lies on white already, and is its own truth
+    cut = changed(known, 0, cut_out=True)
+    render_views(cut, ply, NOBG, WIDTH, tmp_path / "cut")
+    assert stored(tmp_path / "cut" / "truth" / "test" / "00.jpg.png").max() == 0
+
+
 def test_means_are_means_of_the_views_values(scene: Scene, tmp_path: Path) -> None:
     worse = ball()
     worse.means[:, 1] += 0.04

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from reports.figures import findings
 from reports.figures.pictures import artifact
 from reports.rows.schema import (
-    METHOD_ORDER,
     Cell,
     Row,
     capture_name,
@@ -31,6 +30,7 @@ from reports.rows.schema import (
 )
 
 # Okabe & Ito (2008): eight colours that colour-blind readers can tell apart
+OWN_COLOUR = ("3dgs", "ours", "ours+")  # the first of the palette, whatever else there is
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 DASHES = {"original": "--", "nobg": "-"}
 STYLE = {
@@ -95,8 +95,8 @@ def save(
 
 def colours(rows: Sequence[Row]) -> dict[str, str]:
     """Give each method its colour; 3DGS, Ours and Ours+ keep theirs whatever else there is."""
-    others = sorted({row["method"] for row in rows} - set(METHOD_ORDER))
-    methods = [*METHOD_ORDER, *others]
+    others = sorted({row["method"] for row in rows} - set(OWN_COLOUR))
+    methods = [*OWN_COLOUR, *others]
     return dict(zip(methods, islice(cycle(PALETTE), len(methods)), strict=True))
 
 

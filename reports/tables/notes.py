@@ -2,10 +2,33 @@
 
 from collections.abc import Iterable, Sequence
 
+from reports.rows.comparable import protocol_of
 from reports.rows.groups import condition_of, finished_of
-from reports.rows.schema import PROTOCOL, Cell, Row, held_out_views, method_name
+from reports.rows.schema import (
+    Cell,
+    Row,
+    capture_name,
+    captures,
+    held_out_views,
+    method_name,
+)
 from reports.tables.origins import Origin, cpu_of, measured_on
 from reports.tables.paper import PaperValues
+
+FIRST_MASK_NOTE = (  # of protocol 1
+    "Scores in mask are means over the object's pixels (SSIM: its map averaged inside the eroded "
+    "mask) and compare across backgrounds as well as methods."
+)
+MASK_NOTE = (
+    "Scores in mask are means over the object's pixels. PSNR and L1 compare across backgrounds as "
+    "well as methods; SSIM's windows see 5 pixels beyond the object, so that across backgrounds "
+    "only SSIM in the core compares."
+)
+SCORED = {  # whose masks scored, as rows say it
+    "exact": "scored by the exact masks that came with the capture",
+    "pipeline": "scored by the masks that the pipeline made, as no others are known",
+    "both": "some views scored by exact masks, others by those that the pipeline made",
+}
 
 
 def paper_notes(values: PaperValues) -> list[str]:
@@ -38,7 +61,7 @@ def protocol_notes(selected: Sequence[Cell]) -> list[str]:
     notes = [
         (
             f"Full frame, {views} held-out test views, each against its own condition's ground "
-            f"truth; {many}. Protocol {PROTOCOL}."
+            f"truth; {many}. Protocol {_protocol(selected)}."
         )
     ]
     notes += trainer_notes(rows)
@@ -71,6 +94,28 @@ def trainer_notes(rows: Sequence[Row]) -> list[str]:
         "other lines are of the training loop alone. FPS is of this project's renderer for all."
     )
     return [f"{who} {times}"]
+
+
+def _protocol(selected: Sequence[Cell]) -> str:
+    """Return the protocol of the rows; of several, all."""
+    return " and ".join(sorted({str(protocol_of(row)) for cell in selected for row in cell.rows}))
+
+
+def mask_notes(rows: Sequence[Row]) -> list[str]:
+    """Say what scores in the mask are means over, which of them compare, and whose masks scored."""
+    if not parts_known(rows):
+        return [FIRST_MASK_NOTE]
+    notes = [MASK_NOTE]
+    for scored, text in SCORED.items():
+        names = captures(row for row in rows if (row.get("masks") or {}).get("scored") == scored)
+        if names:
+            notes.append(f"{', '.join(map(capture_name, names))}: {text}.")
+    return notes
+
+
+def parts_known(rows: Sequence[Row]) -> bool:
+    """Say whether rows score the object's core and rim; those of protocol 1 do not."""
+    return any("core_psnr" in row["metrics"] for row in rows)
 
 
 def _uneven(selected: Sequence[Cell], seeds: Sequence[int]) -> list[str]:

@@ -1,11 +1,16 @@
 """Numbers of two cells that compare: scores by view and seed, ratios of means."""
 
 from collections.abc import Sequence
-from statistics import fmean
+from dataclasses import dataclass, replace
+from statistics import fmean, median
 
+from reports.rows import statistics
 from reports.rows.schema import Cell, Row, held_out_views
+from reports.rows.statistics import Interval
+from reports.tables.notes import parts_known
 from reports.tables.origins import machine_of
 
+BASE, CONTROL = "3dgs", "3dgs-tuned"
 ANYWHERE = ("size_mb", "splats")  # the same on every machine; all else is a matter of speed
 
 
@@ -44,3 +49,50 @@ def _on_one_machine(mine: Sequence[Row], other: Sequence[Row]) -> tuple[list[Row
     pairs = [(row, known[int(row["seed"])]) for row in mine if int(row["seed"]) in known]
     pairs = [(one, two) for one, two in pairs if machine_of(one) == machine_of(two)]
     return [one for one, _ in pairs], [two for _, two in pairs]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A method against ``base`` on one background; ``size`` and ``time`` are ratios.
+
+    ``details`` is the difference in PSNR on small parts, None where nobody marked them; ``median``
+    that of quality over the views, None where no view is an outlier.
+    """
+
+    background: str
+    method: str
+    metric: str
+    quality: Interval | None
+    size: float | None
+    time: float | None
+    details: Interval | None = None
+    base: str = BASE
+    median: float | None = None
+
+
+def compare(selected: Sequence[Cell], background: str, against: str = BASE) -> list[Comparison]:
+    """Compare every method of one capture and background with 3DGS, or the tuned one."""
+    finished = [c for c in selected if c.key.background == background and c.finished]
+    base = next((c for c in finished if c.key.method == against), None)
+    if base is None:
+        return []
+    out = []
+    for cell in finished:
+        if cell is base or cell.key.method == BASE:
+            continue
+        masked = view_scores(cell, "mask_psnr") and view_scores(base, "mask_psnr")
+        metric = "mask_psnr" if masked else "psnr"
+        ours, theirs = view_scores(cell, metric), view_scores(base, metric)
+        interval = statistics.paired(ours, theirs)
+        size, time = ratio(cell, base, "size_mb"), ratio(cell, base, "time")
+        small = statistics.paired(
+            view_scores(cell, "detail_psnr"), view_scores(base, "detail_psnr")
+        )
+        found = Comparison(
+            background, cell.key.method, metric, interval, size, time, small, against
+        )
+        by_view = statistics.by_view(ours, theirs)
+        if parts_known(cell.finished) and statistics.outliers(by_view):
+            found = replace(found, median=median(by_view.values()))
+        out.append(found)
+    return out

@@ -17,6 +17,7 @@ from reports.tables.tables import (
     lines_of,
     make_table,
     mask_table,
+    parts_table,
     training_table,
 )
 
@@ -187,6 +188,7 @@ def all_tables(rows: Sequence[Row], values: paper.PaperValues | None = None) -> 
     rows = refused(rows)
     extra = [
         mask_table(rows),
+        parts_table(rows),
         *difference_tables(rows),
         training_table(rows),
         quality_table(rows),

@@ -28,7 +28,13 @@ from reports.rows.schema import (
 )
 from reports.tables import formats, paper
 from reports.tables.formats import Entry, Group, Line, Table
-from reports.tables.notes import length_notes, paper_notes, protocol_notes, where_timed
+from reports.tables.notes import (
+    length_notes,
+    mask_notes,
+    paper_notes,
+    protocol_notes,
+    where_timed,
+)
 from reports.tables.origins import Origin, machine_of, measured_on, shared_machine
 
 HOLE = Entry("–")
@@ -114,12 +120,19 @@ def _difference_line(key: CellKey, ours: Line, theirs: Mapping[str, float]) -> L
 
 def mask_table(rows: Sequence[Row]) -> Table | None:
     """In-mask scores, which compare across backgrounds."""
-    note = (
-        "Scores in mask are means over the object's pixels (SSIM: its map averaged inside the "
-        "eroded mask) and compare across backgrounds as well as methods."
-    )
     title = "Inside the object's mask, held-out views"
-    return _conditions_table(rows, "table-in-mask", title, columns.IN_MASK, note)
+    notes = mask_notes(finished_of(cells(rows)))
+    return _conditions_table(rows, "table-in-mask", title, columns.IN_MASK, notes)
+
+
+def parts_table(rows: Sequence[Row]) -> Table | None:
+    """Scores of the object's core and of its rim; None for rows of protocol 1."""
+    note = (
+        "The core is the mask eroded by 5 pixels, the reach of SSIM's window: free of silhouettes. "
+        "The rim is the rest of the mask, what is thinner than 11 pixels included."
+    )
+    title = "The object's core and rim, held-out views"
+    return _conditions_table(rows, "table-core-and-rim", title, columns.CORE_AND_RIM, [note])
 
 
 def training_table(rows: Sequence[Row]) -> Table | None:
@@ -130,7 +143,7 @@ def training_table(rows: Sequence[Row]) -> Table | None:
         "here for every method alike; they are on another scale than the plain ones."
     )
     return _conditions_table(
-        rows, "table-training", "Training views", columns.TRAINING, note, by_background
+        rows, "table-training", "Training views", columns.TRAINING, [note], by_background
     )
 
 
@@ -139,7 +152,7 @@ def _conditions_table(
     name: str,
     title: str,
     wanted: Sequence[Column],
-    note: str,
+    notes: Sequence[str],
     grouped: Callable[[Sequence[Cell]], list[tuple[str, list[Cell]]]] | None = None,
 ) -> Table | None:
     """One line per condition, grouped by capture; only the columns that some row has."""
@@ -153,7 +166,7 @@ def _conditions_table(
         Group(label, tuple(lines_of(members, shown, holes, condition_of)))
         for label, members in (grouped or by_capture)(selected)
     ]
-    return make_table(name, title, shown, groups, [*holes, note], "Condition")
+    return make_table(name, title, shown, groups, [*holes, *notes], "Condition")
 
 
 def _metric(row: Row, key: str) -> Any:

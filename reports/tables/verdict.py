@@ -1,8 +1,9 @@
 """What a reader should take home: one sentence for all, one per capture, and the evidence.
 
 A method is compared with plain 3DGS on the same background, inside the object's mask, paired by
-view and seed; a gain is called one only when the 95 % interval excludes zero. Size and time are
-ratios of means; differences below 1 % are called none.
+view and seed; a gain is called one only when the 95 % interval excludes zero. Where the rows have
+3DGS with the rates and thresholds of ``ours+`` (``3dgs-tuned``), each claim is made against that
+too. Size and time are ratios of means; differences below 1 % are called none.
 """
 
 from collections.abc import Sequence
@@ -21,10 +22,9 @@ from reports.rows.schema import (
     method_name,
     refused,
 )
-from reports.rows.statistics import Interval
-from reports.tables.pairs import ratio, view_scores
+from reports.tables.notes import parts_known
+from reports.tables.pairs import BASE, CONTROL, Comparison, compare, ratio, view_scores
 
-BASE = "3dgs"
 NEGLIGIBLE = 0.01  # ratios closer to one than this are called equal
 IN_HEADLINE = 2  # methods; the others stand among the details
 PREFERRED = ("nobg", "original")  # the headline is about the paper's proposal where it was run
@@ -41,22 +41,6 @@ class Verdict:
     details: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class Comparison:
-    """A method against 3DGS on one background; ``size`` and ``time`` are ratios.
-
-    ``details`` is the difference in PSNR on small parts, None where nobody marked them.
-    """
-
-    background: str
-    method: str
-    metric: str
-    quality: Interval | None
-    size: float | None
-    time: float | None
-    details: Interval | None = None
-
-
 def overall(rows: Sequence[Row]) -> Verdict | None:
     """Return the verdict over all captures; None where fewer than two compare.
 
@@ -66,31 +50,40 @@ def overall(rows: Sequence[Row]) -> Verdict | None:
     doubted = in_doubt(rows)
     rows = [row for row in rows if row["capture"] not in doubted]
     selected = cells(rows)
-    found: dict[tuple[str, str], list[Comparison]] = {}
+    found: dict[tuple[str, str, str], list[Comparison]] = {}
     for name in captures(rows):
         members = [cell for cell in selected if cell.key.capture == name]
         for background in PREFERRED:
-            for one in compare(members, background):
-                found.setdefault((background, one.method), []).append(one)
+            for base in (BASE, CONTROL):
+                for one in compare(members, background, base):
+                    found.setdefault((background, one.method, base), []).append(one)
+    second = parts_known([row for cell in selected for row in cell.finished])
     sentences = [
-        _over_all(background, method, found[background, method])
+        _over_all(background, method, compared, second)
         for background in PREFERRED
-        for place, method in found
-        if place == background and len(found[background, method]) > 1
+        for (place, method, base), compared in found.items()
+        if place == background and len(compared) > 1
     ]
     if not sentences:
         return None
     return Verdict("", sentences[0], tuple(sentences[1:]))
 
 
-def _over_all(background: str, method: str, found: Sequence[Comparison]) -> str:
-    """Count captures by what a method does there, with the means of its differences."""
+def _over_all(
+    background: str, method: str, found: Sequence[Comparison], over_captures: bool
+) -> str:
+    """Count captures by what a method does there, with the means of its differences.
+
+    ``over_captures``: the mean has an interval, whose samples are the captures.
+    """
     sure = [c.quality for c in found if c.quality is not None and c.quality.excludes_zero()]
     gains = sum(quality.mean > 0 for quality in sure)
-    counts = _counts(gains, len(sure) - gains, len(found) - len(sure))
+    counts = _counts(found[0].base, gains, len(sure) - gains, len(found) - len(sure))
     means = [c.quality.mean for c in found if c.quality is not None]
     where = "inside the mask" if found[0].metric == "mask_psnr" else "over the full frame"
-    parts = [f"{signed(fmean(means))} dB {where}"] if means else []
+    interval = statistics.sample(means) if over_captures and len(means) > 1 else None
+    spread = "" if interval is None else f" ± {interval.half:.2f}"
+    parts = [f"{signed(fmean(means))}{spread} dB {where}"] if means else []
     for name, ratios in (("size", [c.size for c in found]), ("time", [c.time for c in found])):
         known = [ratio for ratio in ratios if ratio]
         parts += [f"{name} × {geometric_mean(known):.2f}"] if known else []
@@ -98,7 +91,7 @@ def _over_all(background: str, method: str, found: Sequence[Comparison]) -> str:
     return f"{text}; on average {', '.join(parts)}." if parts else f"{text}."
 
 
-def _counts(gains: int, losses: int, doubtful: int) -> list[str]:
+def _counts(base: str, gains: int, losses: int, doubtful: int) -> list[str]:
     """Say on how many captures something happened; the first part names what is compared with."""
     kinds = (
         (gains, "gains", " over "),
@@ -109,7 +102,7 @@ def _counts(gains: int, losses: int, doubtful: int) -> list[str]:
     count, verb, preposition = present[0]
     number = "all" if len(present) == 1 else f"{count} of"
     first = (
-        f"{verb}{preposition}{method_name(BASE)} on {number} {gains + losses + doubtful} captures"
+        f"{verb}{preposition}{method_name(base)} on {number} {gains + losses + doubtful} captures"
     )
     return [first, *(f"{verb} on {count}" for count, verb, _ in present[1:])]
 
@@ -141,7 +134,8 @@ def _of_capture(name: str, selected: Sequence[Cell]) -> Verdict:
     label = capture_name(name)
     failed = [cell for cell in selected if not cell.finished]
     found = [c for background in PREFERRED for c in compare(selected, background)]
-    details = [_detail(c) for c in found]
+    controls = [c for background in PREFERRED for c in compare(selected, background, CONTROL)]
+    details = [_detail(c) for c in (*found, *controls)]
     saved = _background_saving(selected)
     details += [saved] if saved else []
     if failed:
@@ -151,33 +145,19 @@ def _of_capture(name: str, selected: Sequence[Cell]) -> Verdict:
         what = "no condition finished" if len(failed) == len(selected) else "nothing to compare"
         return Verdict(name, f"{label}: {what}.", tuple(details))
     background = found[0].background
-    headlines = [one for one in found if one.background == background][:IN_HEADLINE]
-    words = "; ".join(
-        f"{method_name(one.method)} {_quality_words(one)} {method_name(BASE)}{_cost_words(one)}"
-        for one in headlines
-    )
+    headlines = [one for one in found if one.background == background and one.method != CONTROL]
+    headlines = headlines[:IN_HEADLINE] or found[:1]
+    against = {one.method: one for one in controls if one.background == background}
+    words = "; ".join(_headline(one, against.get(one.method)) for one in headlines)
     return Verdict(name, f"{label}: {WHERE[background]}, {words}.", tuple(details))
 
 
-def compare(selected: Sequence[Cell], background: str) -> list[Comparison]:
-    """Compare every method of one capture and background with 3DGS."""
-    finished = [c for c in selected if c.key.background == background and c.finished]
-    base = next((c for c in finished if c.key.method == BASE), None)
-    if base is None:
-        return []
-    out = []
-    for cell in finished:
-        if cell is base:
-            continue
-        masked = view_scores(cell, "mask_psnr") and view_scores(base, "mask_psnr")
-        metric = "mask_psnr" if masked else "psnr"
-        interval = statistics.paired(view_scores(cell, metric), view_scores(base, metric))
-        size, time = ratio(cell, base, "size_mb"), ratio(cell, base, "time")
-        small = statistics.paired(
-            view_scores(cell, "detail_psnr"), view_scores(base, "detail_psnr")
-        )
-        out.append(Comparison(background, cell.key.method, metric, interval, size, time, small))
-    return out
+def _headline(found: Comparison, control: Comparison | None) -> str:
+    words = f"{method_name(found.method)} {_quality_words(found)} {method_name(BASE)}"
+    words += _cost_words(found)
+    if control is None:
+        return words
+    return f"{words}, and {_quality_words(control)} {method_name(CONTROL)}"
 
 
 def signed(decibels: float) -> str:
@@ -210,7 +190,8 @@ def _cost_words(found: Comparison) -> str:
 
 
 def _detail(found: Comparison) -> str:
-    head = f"{background_name(found.background)}: {method_name(found.method)} − {method_name(BASE)}"
+    pair = f"{method_name(found.method)} − {method_name(found.base)}"
+    head = f"{background_name(found.background)}: {pair}"
     quality = found.quality
     metric = "PSNR in mask" if found.metric == "mask_psnr" else "PSNR"
     if quality is None:
@@ -222,6 +203,8 @@ def _detail(found: Comparison) -> str:
             f"{metric} {signed(quality.mean)} dB (95 % interval {signed(quality.low)} to "
             f"{signed(quality.high)}, {quality.samples} paired views)"
         )
+    if found.median is not None:
+        text += f", median {signed(found.median)} dB, as some views are outliers"
     ratios = ((found.size, "size"), (found.time, "time"))
     small = [] if found.details is None else [f"small parts {signed(found.details.mean)} dB"]
     parts = small + [f"{name} × {ratio:.2f}" for ratio, name in ratios if ratio is not None]
@@ -239,6 +222,11 @@ def _background_saving(selected: Sequence[Cell]) -> str:
         view_scores(base["nobg"], "mask_psnr"), view_scores(base["original"], "mask_psnr")
     )
     parts = [f"PSNR in mask {signed(quality.mean)} dB"] if quality else []
+    for metric, part in (("core_psnr", "in its core"), ("rim_psnr", "on its rim")):
+        there = statistics.paired(
+            view_scores(base["nobg"], metric), view_scores(base["original"], metric)
+        )
+        parts += [f"{part} {signed(there.mean)} dB"] if there else []
     parts += [f"size × {size:.2f}"] if size else []
     parts += [f"time × {time:.2f}"] if time else []
     return f"Removing the background, with 3DGS: {'; '.join(parts)}."

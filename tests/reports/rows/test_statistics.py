@@ -71,3 +71,26 @@ def test_stratified_intervals_cover_as_often_as_they_say() -> None:
         found = statistics.stratified(list(rng.normal(0, 0.3, (3, 6)) + offsets[:, None]), 0.95)
         hits += found.low <= 0 <= found.high
     assert 0.93 < hits / trials < 0.97
+
+
+def test_one_value_far_from_the_others_is_an_outlier() -> None:
+    values = {"a": 0.1, "b": 0.2, "c": 0.15, "d": 0.18, "e": 0.12, "f": 8.3}
+    assert statistics.outliers(values) == ["f"]
+    assert statistics.outliers({name: v for name, v in values.items() if name != "f"}) == []
+    # the score of 3.5 by hand: median 0, median deviation 1
+    about = {str(v): float(v) for v in (-1, 0, 1, -1, 1)} | {"near": 5.1, "left": -1.0}
+    assert statistics.outliers(about) == []
+    assert statistics.outliers(about | {"near": 5.3}) == ["near"]
+
+
+def test_where_most_are_equal_the_mean_deviation_is_the_scale() -> None:
+    equal = {str(k): 1.0 for k in range(9)}
+    assert statistics.outliers(equal) == []
+    assert statistics.outliers(equal | {"one": 1.5}) == ["one"]
+    assert statistics.outliers({"a": 1.0, "b": 1.0, "c": 9.0}) == []  # too few to say
+
+
+def test_differences_by_view_are_means_over_shared_seeds() -> None:
+    candidate = {("a", 0): 2.0, ("a", 1): 4.0, ("b", 0): 1.0, ("c", 0): 9.0}
+    baseline = {("a", 0): 1.0, ("a", 1): 1.0, ("b", 0): 1.5}
+    assert statistics.by_view(candidate, baseline) == {"a": 2.0, "b": -0.5}

@@ -5,6 +5,7 @@ other: when a task fails, what depends on it does not run, its experiments becom
 and all others go on. Speed is measured last, when nothing else runs.
 """
 
+import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -20,7 +21,14 @@ from reports.page.build import build
 from tasks import prefect_tasks as run
 from tasks.measure import Speed, with_speed
 from tasks.registry.live_curves import Expected, following
-from tasks.registry.record import close, close_orphans, promoted, record, record_summary
+from tasks.registry.record import (
+    about_run,
+    close,
+    close_orphans,
+    promoted,
+    record,
+    record_summary,
+)
 from tasks.row import Outcome, Row, make_row, running_row, settings
 from tasks.stages.stage import Artifact, Cell, Place
 from tasks.stages.status import StatusFile
@@ -69,8 +77,10 @@ def benchmark(config: BenchmarkConfig, out: Path, tracking_uri: str) -> Path:
             outcomes.append(_wait(place, chain))
             row = make_row(place, config, outcomes[-1])
             _warn(place, row)
-            known = settings(config, chain.cell), outcomes[-1].artifacts
-            recorded.append(record(place, tracking_uri, row, *known))
+            made = outcomes[-1].artifacts
+            about = about_run(place, config, chain.cell, command(), made)
+            asked = settings(config, chain.cell)
+            recorded.append(record(place, tracking_uri, row, asked, made, about))
             progress_bar.show(
                 len(outcomes), sum(outcome.reason is not None for outcome in outcomes)
             )
@@ -78,7 +88,8 @@ def benchmark(config: BenchmarkConfig, out: Path, tracking_uri: str) -> Path:
     rows = []
     for outcome, before in zip(outcomes, recorded, strict=True):
         row = with_speed(make_row(place, config, outcome), speeds.get(outcome.cell))
-        rows.append(close(tracking_uri, row, before))
+        about = about_run(place, config, outcome.cell, command(), outcome.artifacts)
+        rows.append(close(tracking_uri, row, before, about))
     path = build(
         rows,
         out / "benchmarks" / config.name,
@@ -122,7 +133,9 @@ def _expected(place: Place, config: BenchmarkConfig, chains: list[Chain]) -> dic
     """Say which run each training belongs to, by the title of its stage."""
     return {
         training_title(chain.cell): Expected(
-            running_row(place, config, chain.cell, chain.prepared), settings(config, chain.cell)
+            running_row(place, config, chain.cell, chain.prepared),
+            settings(config, chain.cell),
+            about_run(place, config, chain.cell, command()),
         )
         for chain in chains
         if chain.prepared is not None
@@ -150,6 +163,14 @@ def _wait(place: Place, chain: Chain) -> Outcome:
             status_file.end_elsewhere(f"{name} {owner}", name, "failed", 0.0, reason)
             return replace(outcome, reason=reason)
     return outcome
+
+
+def command() -> str:
+    """Name what runs this benchmark, as MLflow's column *Source* shows it."""
+    program, *words = sys.argv
+    if Path(program).stem != "mattgs":
+        return "Prefect flow benchmark"
+    return " ".join(["mattgs", *(word for word in words[:1] if not word.startswith("-"))])
 
 
 def _warn(place: Place, row: Row) -> None:

@@ -8,6 +8,7 @@ from mattgs_ops.errors import InputError
 from mattgs_ops.store.cleaning import Kind, Removal, clean
 from mattgs_ops.store.store import Store
 from tasks.registry import orphans, runs, summary
+from tasks.row import Row
 from tasks.stages.stage import Place
 
 UNITS = ("bytes", "kB", "MB", "GB", "TB")
@@ -63,13 +64,13 @@ def referred(out: Path) -> set[str]:
     rows = [row for path in sorted(out.glob("benchmarks/*/rows.json")) for row in _read(path)]
     if _recorded(out):
         tracking = embedded.tracking_uri(out)
-        for benchmark in runs.benchmarks(tracking):
-            rows += runs.rows(tracking, benchmark)
+        for experiment in runs.experiments(tracking):  # of all projects: the store is shared
+            rows += runs.rows_of(tracking, experiment)
     places = [place for row in rows for place in (row.get("artifacts") or {}).values()]
     return {"/".join(Path(place).parts[:2]) for place in places}
 
 
-def _read(path: Path) -> list[runs.Row]:
+def _read(path: Path) -> list[Row]:
     from reports.rows.schema import read_rows
 
     return list(read_rows(path))

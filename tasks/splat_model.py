@@ -1,7 +1,7 @@
 """Splats as MLflow's pyfunc flavour loads them: a model whose input is cameras, its output images.
 
-MLflow imports this module by its name when such a model is loaded, so the project has to be
-installed there. A camera is one row of a table, or one mapping, in the project's convention
+A promoted model carries a copy of this module (:mod:`tasks.registry.model`). A camera is one row of
+a table, or one mapping, in the project's convention
 (``mattgs_ops/capture/camera.py``)::
 
     {"width": 320, "height": 240, "fx": 280.0, "fy": 280.0, "cx": 160.0, "cy": 120.0,

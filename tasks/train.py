@@ -15,7 +15,7 @@ CHECKPOINT = (
 
 
 def train(place: Place, cell: Cell, scene: Artifact, config: BenchmarkConfig) -> Artifact:
-    """Return the folder with ``splats.ply``, ``training.json`` and ``curve.csv``.
+    """Return the folder with ``splats.ply``, ``training.json``, ``curve.csv`` and ``load.csv``.
 
     A killed training goes on from its last checkpoint: the one in the work folder, else the copy on
     the shared store.
@@ -61,16 +61,18 @@ def operate(arguments: dict[str, Any], out: Path, threads: int, progress: Progre
     """Run in the stage's process."""
     from mattgs_ops.capture.scene import Scene
     from mattgs_ops.splat.training.train import train as train_splats
+    from mattgs_ops.timing import machine_load
 
-    train_splats(
-        Scene.load(Path(arguments["scene"])),
-        Condition(background=arguments["background"], method=arguments["name"]),
-        MethodConfig.model_validate(arguments["method"]),
-        TrainConfig.model_validate(arguments["train"]),
-        iterations=arguments["iterations"],
-        resolution=arguments["resolution"],
-        seed=arguments["seed"],
-        out=out,
-        threads=threads,
-        progress=progress,
-    )
+    with machine_load.sampled(out / machine_load.LOAD_FILE):
+        train_splats(
+            Scene.load(Path(arguments["scene"])),
+            Condition(background=arguments["background"], method=arguments["name"]),
+            MethodConfig.model_validate(arguments["method"]),
+            TrainConfig.model_validate(arguments["train"]),
+            iterations=arguments["iterations"],
+            resolution=arguments["resolution"],
+            seed=arguments["seed"],
+            out=out,
+            threads=threads,
+            progress=progress,
+        )

@@ -70,11 +70,16 @@ def report(
 def ui(
     out: Out = DEFAULT_OUT,
     port: Annotated[int, typer.Option(help="Port on this machine.")] = 5000,
+    browser: Annotated[bool, typer.Option(help="Open the browser on a server.")] = True,
 ) -> None:
-    """Look at all runs in MLflow's web interface, until Ctrl-C."""
-    from flows.services.mlflow_ui import serve
+    """Look at all runs in MLflow's web interface.
 
-    serve(out.resolve(), port)
+    Opens the server that MLFLOW_TRACKING_URI names; without one serves the runs of the output
+    folder until Ctrl-C.
+    """
+    from flows.services.mlflow_ui import show
+
+    show(out.resolve(), port, browser=browser)
 
 
 def promote(

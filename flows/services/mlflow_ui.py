@@ -3,14 +3,45 @@
 import os
 import subprocess
 import sys
+import urllib.error
+import urllib.request
+import webbrowser
 from pathlib import Path
 
 from flows.services import embedded
 from mattgs_ops.errors import InputError, StageError
 
+ANSWER_SECONDS = 10.0  # that a server may take to say that it is there
+HINT = "In a benchmark, Views > Benchmark shows the tables' columns."
 
-def serve(out: Path, port: int) -> None:
-    """Serve until Ctrl-C; raises :class:`InputError` when nothing was recorded there."""
+
+def show(out: Path, port: int, *, browser: bool) -> None:
+    """Show the server that ``MLFLOW_TRACKING_URI`` names, else serve the output folder's runs.
+
+    Raises :class:`InputError` when that server does not answer, and when nothing was recorded.
+    """
+    tracking = embedded.tracking_uri(out)
+    if tracking.startswith(("http://", "https://")):
+        _open(tracking, browser=browser)
+    else:
+        _serve(out, port)
+
+
+def _open(address: str, *, browser: bool) -> None:
+    try:
+        urllib.request.urlopen(f"{address.rstrip('/')}/health", timeout=ANSWER_SECONDS).close()
+    except urllib.error.HTTPError:  # it answers, and wants to be signed in to
+        pass
+    except (OSError, ValueError) as error:
+        raise InputError(f"MLFLOW_TRACKING_URI={address}: no server answers: {error}") from error
+    sys.stdout.write(f"MLflow: {address} (the server of MLFLOW_TRACKING_URI). {HINT}\n")
+    sys.stdout.flush()
+    if browser:
+        webbrowser.open(address)
+
+
+def _serve(out: Path, port: int) -> None:
+    """Serve until Ctrl-C."""
     if not os.environ.get("MLFLOW_TRACKING_URI") and not (out / "mlflow.db").is_file():
         raise InputError(
             f"{out}: no runs were recorded there; run `mattgs run` first, or --out DIR"
@@ -21,8 +52,7 @@ def serve(out: Path, port: int) -> None:
     command += ["--host", "127.0.0.1", "--port", str(port)]
     command += ["--backend-store-uri", embedded.tracking_uri(out)]
     sys.stdout.write(
-        f"MLflow: http://127.0.0.1:{port} (starting takes some seconds; Ctrl-C ends). "
-        "In a benchmark, Views > Benchmark shows the tables' columns.\n"
+        f"MLflow: http://127.0.0.1:{port} (starting takes some seconds; Ctrl-C ends). {HINT}\n"
     )
     sys.stdout.flush()
     code = subprocess.run(command, check=False).returncode

@@ -1,11 +1,11 @@
-"""Training curves in MLflow while the trainings run.
+"""Training curves and system metrics in MLflow while the trainings run.
 
-Trainings write their curves to files, in batches; one thread of the flow reads what is new and logs
-it. So no training waits for a database, twelve of them do not write to it at once, and the process
-that trains never imports MLflow. A curve belongs to the training that its stage's key names: what a
-killed training left behind, under whatever title, is nobody's any more. Where workers keep their
-files elsewhere nothing is followed: the row that ends an experiment brings the whole curve. A
-registry that fails ends the following with a warning, and nothing else.
+Trainings write both to files; one thread of the flow reads what is new and logs it. So no training
+waits for a database, twelve of them do not write to it at once, and the process that trains never
+imports MLflow. A file belongs to the training that its stage's key names: what a killed training
+left behind is ignored. Where workers keep their files on another machine nothing is followed: the
+row that ends an experiment brings the complete curve. A registry that fails ends the following with
+a warning, and nothing else.
 """
 
 import csv
@@ -13,12 +13,14 @@ import logging
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from mattgs_ops.store.store import Store
+from mattgs_ops.timing.machine_load import LOAD_FILE
 from tasks.registry import runs
+from tasks.registry.content.about import About
 from tasks.row import Row
 from tasks.stages.process import StageJob
 from tasks.stages.stage import Place
@@ -29,10 +31,11 @@ CURVE_FILE = "curve.csv"
 
 @dataclass(frozen=True)
 class Expected:
-    """An experiment that may be trained: its row so far, and its settings."""
+    """An experiment that may be trained: its row so far, its settings, its photos and command."""
 
     row: Row
     settings: Mapping[str, Any]
+    about: About = runs.NOTHING
 
 
 @contextmanager
@@ -59,7 +62,7 @@ class _Follower(threading.Thread):
         self._place, self._uri, self._expected, self._every = place, tracking_uri, expected, every
         self._over = threading.Event()
         self._runs: dict[str, str] = {}  # key of a training → run
-        self._seen: dict[str, int] = {}  # key of a training → last step that was logged
+        self._seen: dict[tuple[str, str], int] = {}  # key of a training, file → last step logged
 
     def run(self) -> None:
         try:
@@ -79,18 +82,31 @@ class _Follower(threading.Thread):
         experiment = self._expected.get(job.title)
         if experiment is None:
             return
-        curve = read_curve(job.out / CURVE_FILE)
-        new = [point for point in curve if point["step"] > self._seen.get(job.key, 0)]
-        if not new:
+        curve = self._new(job, CURVE_FILE)
+        if not curve and job.key not in self._runs:
             return
         if job.key not in self._runs:
             place = self._place.out / "mlflow-artifacts"
             opened = runs.open_benchmark(self._uri, experiment.row["benchmark"], place)
+            about = replace(experiment.about, began=job.began or None)
             self._runs[job.key] = runs.begin(
-                self._uri, opened, experiment.row, experiment.settings, training=job.key
+                self._uri,
+                opened,
+                experiment.row,
+                experiment.settings,
+                about=about,
+                training=job.key,
             )
-        runs.log_curve(self._uri, self._runs[job.key], new)
-        self._seen[job.key] = int(new[-1]["step"])
+        runs.log_curve(self._uri, self._runs[job.key], curve)
+        runs.log_load(self._uri, self._runs[job.key], self._new(job, LOAD_FILE))
+
+    def _new(self, job: StageJob, file: str) -> list[dict[str, float]]:
+        """Return the points of a training's file that were not returned before."""
+        found = read_points(job.out / file)
+        new = [point for point in found if point["step"] > self._seen.get((job.key, file), 0)]
+        if new:
+            self._seen[job.key, file] = int(new[-1]["step"])
+        return new
 
 
 def running_trainings(place: Place) -> list[StageJob]:
@@ -114,8 +130,8 @@ def _at_work(place: Place, job: StageJob) -> bool:
         return not free
 
 
-def read_curve(path: Path) -> list[dict[str, float]]:
-    """Read a training curve, one mapping per line with ``step``; empty while there is none.
+def read_points(path: Path) -> list[dict[str, float]]:
+    """Read a curve or a load, one mapping per line with ``step``; empty while there is none.
 
     The last line may still be half written: it counts only with its end.
     """

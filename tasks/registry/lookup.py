@@ -4,6 +4,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from mattgs_ops.errors import InputError
+from tasks.registry.project import benchmark_name, is_ours
+from tasks.registry.run_of_row import ROW_TAG
 
 FEWEST_LETTERS = 4  # of an id: shorter beginnings are too easily another run's
 SHOWN = 8  # candidates that an error names
@@ -29,7 +31,8 @@ def find_run(tracking_uri: str, text: str) -> Found:
     from mlflow.tracking import MlflowClient
 
     client: Any = MlflowClient(tracking_uri=tracking_uri)
-    names = {e.experiment_id: e.name for e in client.search_experiments()}
+    all_of_them = client.search_experiments()
+    names = {e.experiment_id: benchmark_name(e.name) for e in all_of_them if is_ours(e.name)}
     quoted = text.replace("'", "")
     queries = [f"attributes.run_name = '{quoted}'"]
     if len(text) >= FEWEST_LETTERS and text.isalnum():
@@ -37,7 +40,7 @@ def find_run(tracking_uri: str, text: str) -> Found:
     found: dict[str, Found] = {}
     for query in queries:
         for run in client.search_runs(list(names), filter_string=query, max_results=100):
-            if "mattgs.row" in run.data.tags:
+            if ROW_TAG in run.data.tags:
                 benchmark = names[run.info.experiment_id]
                 found[run.info.run_id] = Found(run.info.run_id, run.info.run_name, benchmark)
     if len(found) == 1:

@@ -2,14 +2,15 @@
 
 A benchmark that is killed leaves its runs open. The same benchmark, started again, goes on in them;
 but when sources or settings have changed meanwhile its runs are others, and the old ones would stay
-``RUNNING``. A run names its owner (:mod:`tasks.registry.run_owner`) by a tag; what a dead process
-of this machine owned is closed.
+``RUNNING``. A run names its owner (:mod:`tasks.registry.content.owner`) by a tag; what a dead
+process of this machine owned is closed.
 """
 
 from typing import Any
 
-from tasks.registry import run_owner
-from tasks.registry.runs import OWNER_TAG
+from tasks.registry.content import owner
+from tasks.registry.project import experiment_name
+from tasks.registry.run_of_row import OWNER_TAG
 
 
 def close_orphans(
@@ -25,11 +26,11 @@ def close_orphans(
     if benchmark is None:
         experiments = [found.experiment_id for found in client.search_experiments()]
     else:
-        found = client.get_experiment_by_name(benchmark)
+        found = client.get_experiment_by_name(experiment_name(benchmark))
         experiments = [] if found is None else [found.experiment_id]
     closed = []
     for run in _running(client, experiments) if experiments else []:
-        if run_owner.is_dead(run.data.tags[OWNER_TAG]):
+        if owner.is_dead(run.data.tags[OWNER_TAG]):
             if not dry_run:
                 client.set_tag(run.info.run_id, "status", "interrupted")
                 client.set_terminated(run.info.run_id, "KILLED")

@@ -3,33 +3,32 @@
 Each cell of a benchmark (capture, condition, iterations, resolution) is a registered model whose
 versions are promoted runs. Two aliases name what counts: ``baseline``, the run promoted last, and
 ``baseline-seed-N``, the one of each seed, which the gate and the report compare with. The model is
-of MLflow's pyfunc flavour (:mod:`tasks.splat_model`)::
+of MLflow's pyfunc flavour (:mod:`tasks.registry.model`), a logged model of its run, and loads where
+this project is not installed::
 
     mlflow.pyfunc.load_model("models:/quick.rover.nobg-ours.1000x320@baseline").predict(camera)
 """
 
 import json
 import tempfile
-import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from mattgs_ops.capture.scene import Scene
 from mattgs_ops.errors import InputError
 from mattgs_ops.naming import checked_row
-from tasks.registry import runs
+from tasks.registry import run_of_row
 from tasks.registry.lookup import Found
-from tasks.registry.runs import ROW_FILE, Row
+from tasks.registry.model import saved
+from tasks.registry.project import experiment_name
+from tasks.registry.run_of_row import ROW_FILE, Row
+from tasks.splat_model import row_of
 
 BASELINE = "baseline"
-MODEL_FOLDER = "model"
+MODEL_NAME = "splats"
 BENCHMARK_TAG = "mattgs.benchmark"
-LOADER = "tasks.splat_model"
-EXAMPLE = {
-    "width": 320, "height": 240, "fx": 280.0, "fy": 280.0, "cx": 160.0, "cy": 120.0,
-    "rotation": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
-    "translation": [0.0, 0.0, 4.0],
-}  # fmt: skip
+SCENE_FILE = "scene/scene.json"
 
 
 def promote(tracking_uri: str, found: Found, alias: str = BASELINE) -> str:
@@ -57,7 +56,7 @@ def aliased_rows(tracking_uri: str, benchmark: str, alias: str = BASELINE) -> li
     Empty where nothing was promoted under this alias.
     """
     client = _client(tracking_uri)
-    query = f"tags.`{BENCHMARK_TAG}` = '{benchmark}'"
+    query = f"tags.`{BENCHMARK_TAG}` = '{experiment_name(benchmark)}'"
     models: list[Any] = []
     token = None
     while True:
@@ -78,7 +77,12 @@ def aliased_rows(tracking_uri: str, benchmark: str, alias: str = BASELINE) -> li
 def model_name(row: Mapping[str, Any]) -> str:
     """Return the registered model that a row's cell has."""
     size = f"{row['iterations']}x{row['resolution']}"
-    parts = (row["benchmark"], row["capture"], row["condition"], size)
+    parts = (
+        experiment_name(row["benchmark"]).replace("/", "."),
+        row["capture"],
+        row["condition"],
+        size,
+    )
     # MLflow refuses these two; dots keep the parts apart
     return ".".join(str(part).replace("/", "-").replace(":", "-") for part in parts)
 
@@ -90,8 +94,8 @@ def _of_seed(alias: str, row: Row) -> str:
 def _open_model(client: Any, name: str, row: Row) -> None:
     from mlflow.exceptions import MlflowException
 
-    tags = {BENCHMARK_TAG: row["benchmark"]}
-    tags |= {key: str(row[key]) for key in runs.TAGS if key != "seed"}
+    tags = {BENCHMARK_TAG: experiment_name(row["benchmark"])}
+    tags |= {key: str(row[key]) for key in run_of_row.TAGS if key != "seed"}
     try:
         client.create_registered_model(name, tags=tags)
     except MlflowException as error:
@@ -105,37 +109,47 @@ def _version_of(client: Any, name: str, run_id: str) -> str | None:
 
 
 def _add_version(client: Any, name: str, row: Row, found: Found) -> str:
-    """Log the run's splats as a model beside its other files, and register that."""
-    with tempfile.TemporaryDirectory(prefix="mattgs-model-") as folder:
-        model = _save_model(client, found.run_id, Path(folder))
-        client.log_artifacts(found.run_id, str(model), MODEL_FOLDER)
-    source = f"{client.get_run(found.run_id).info.artifact_uri}/{MODEL_FOLDER}"
+    """Log the run's splats as a model of the run, and register that."""
+    from mlflow.entities import LoggedModelOutput
+
+    run = client.get_run(found.run_id)
     tags = {"seed": str(row["seed"]), "splats": str(row["metrics"].get("splats", ""))}
-    version = client.create_model_version(name, source, run_id=found.run_id, tags=tags)
+    logged = client.create_logged_model(
+        run.info.experiment_id, MODEL_NAME, source_run_id=found.run_id, tags=tags
+    )
+    try:
+        with tempfile.TemporaryDirectory(prefix="mattgs-model-") as folder:
+            _save(client, found.run_id, logged.model_id, Path(folder))
+            client.log_model_artifacts(logged.model_id, str(Path(folder) / MODEL_NAME))
+    except BaseException:
+        client.finalize_logged_model(logged.model_id, "FAILED")
+        raise
+    client.finalize_logged_model(logged.model_id, "READY")
+    client.log_outputs(found.run_id, [LoggedModelOutput(logged.model_id, step=0)])
+    version = client.create_model_version(
+        name, logged.artifact_location, run_id=found.run_id, tags=tags, model_id=logged.model_id
+    )
     return str(version.version)
 
 
-def _save_model(client: Any, run_id: str, folder: Path) -> Path:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # MLflow's import warns of MLflow's own type hints
-        import mlflow.pyfunc
-
-    data = folder / "data"
-    data.mkdir()
+def _save(client: Any, run_id: str, model_id: str, folder: Path) -> None:
     for file in ("splats.ply", "training.json"):
-        client.download_artifacts(run_id, file, str(data))
-    training = json.loads((data / "training.json").read_text(encoding="utf-8"))
-    (data / "training.json").unlink()
+        client.download_artifacts(run_id, file, str(folder))
+    training = json.loads((folder / "training.json").read_text(encoding="utf-8"))
     settings = {"background": training["background"], "run": run_id}
-    (data / "model.json").write_text(json.dumps(settings) + "\n", encoding="utf-8")
-    mlflow.pyfunc.save_model(
-        folder / MODEL_FOLDER,
-        loader_module=LOADER,
-        data_path=str(data),
-        pip_requirements=["mattgs-bench"],  # else MLflow installs the world to find out
-        metadata={"camera": EXAMPLE},
-    )
-    return folder / MODEL_FOLDER
+    camera = _example_camera(client, run_id, folder)
+    identity = {"model_id": model_id, "run_id": run_id}
+    saved.save(folder / MODEL_NAME, folder / "splats.ply", settings, camera, identity)
+
+
+def _example_camera(client: Any, run_id: str, folder: Path) -> dict[str, Any] | None:
+    """Return a held-out camera of the run's scene, None where the run has no scene."""
+    if not any(file.path == SCENE_FILE for file in client.list_artifacts(run_id, "scene")):
+        return None
+    path = client.download_artifacts(run_id, SCENE_FILE, str(folder))
+    views = Scene.load(Path(path).parent).views
+    cameras = [view.camera for view in views if view.split == "test" and view.camera is not None]
+    return row_of(cameras[0]) if cameras else None
 
 
 def _row(client: Any, run_id: str) -> Row:

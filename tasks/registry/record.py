@@ -2,16 +2,21 @@
 
 import glob
 import logging
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from mattgs_ops.capture.scene import Scene
+from mattgs_ops.capture.source import BUNDLED_FOLDER
+from mattgs_ops.config import BenchmarkConfig
 from mattgs_ops.naming import slug
+from mattgs_ops.timing.machine_load import LOAD_FILE
 from tasks.registry import interface_view, orphans, promotion, runs, summary
-from tasks.registry.live_curves import CURVE_FILE, read_curve
+from tasks.registry.content.about import About
+from tasks.registry.live_curves import CURVE_FILE, read_points
 from tasks.row import Row, scene_of
-from tasks.stages.stage import KEY_LETTERS, Artifact, Place
+from tasks.stages.stage import KEY_LETTERS, Artifact, Cell, Place
 
 # Stage → what of its folder a run keeps → the folder in the run ("": the top)
 KEPT = {
@@ -20,6 +25,7 @@ KEPT = {
         "training.json": "",
         "trainer.json": "",
         CURVE_FILE: "",
+        LOAD_FILE: "",
         "start.npz": "",
         "pruned.npz": "",
         "exposures.json": "",
@@ -38,12 +44,32 @@ KEPT = {
 }
 
 
+def about_run(
+    place: Place,
+    config: BenchmarkConfig,
+    cell: Cell,
+    command: str,
+    artifacts: dict[str, Artifact] | None = None,
+) -> About:
+    """Return what MLflow shows of an experiment beside its row; dates are those of its training."""
+    capture = next(c for c in config.captures if c.name == cell.capture)
+    photos = (capture.path or BUNDLED_FOLDER / capture.name).resolve().as_uri()
+    trained = (artifacts or {}).get("train")
+    if trained is None:
+        return About(photos, command)
+    began = place.extra(trained).get("began")
+    if began is None:  # made by an earlier version: its date is not known, its length is
+        began = time.time() - trained.seconds
+    return About(photos, command, began, began + trained.seconds)
+
+
 def record(
     place: Place,
     tracking_uri: str,
     row: Row,
     settings: dict[str, Any],
     artifacts: dict[str, Artifact],
+    about: About = runs.NOTHING,
 ) -> Row:
     """Log an experiment's row and files, splats and renders among them; its run stays open.
 
@@ -63,7 +89,9 @@ def record(
             experiment,
             row,
             parameters=settings,
-            curve=_curve(place, artifacts),
+            curve=_points(place, artifacts, CURVE_FILE),
+            load=_points(place, artifacts, LOAD_FILE),
+            about=about,
             files=_files(place, row, artifacts, _known(known)),
             training=training,
             final=False,
@@ -74,7 +102,7 @@ def record(
     return row | {"run_id": run_id}
 
 
-def close(tracking_uri: str, row: Row, recorded: Row) -> Row:
+def close(tracking_uri: str, row: Row, recorded: Row, about: About = runs.NOTHING) -> Row:
     """Close the run that holds ``recorded`` with ``row``, which has what was measured last.
 
     Returns the row with its run's id.
@@ -83,7 +111,7 @@ def close(tracking_uri: str, row: Row, recorded: Row) -> Row:
         return row
     row = row | {"run_id": recorded["run_id"]}
     try:
-        runs.finish(tracking_uri, row, recorded)
+        runs.finish(tracking_uri, row, recorded, about)
     except Exception as error:  # whatever MLflow, its database or its server raise
         _warn(row, error)
     return row
@@ -141,10 +169,10 @@ def _known(row: Row | None) -> dict[str, str]:
     return dict(((row or {}).get("provenance") or {}).get("outputs") or {})
 
 
-def _curve(place: Place, artifacts: dict[str, Artifact]) -> list[dict[str, float]]:
+def _points(place: Place, artifacts: dict[str, Artifact], file: str) -> list[dict[str, float]]:
     if "train" not in artifacts:
         return []
-    return read_curve(place.folder(artifacts["train"]) / CURVE_FILE)
+    return read_points(place.folder(artifacts["train"]) / file)
 
 
 def _files(

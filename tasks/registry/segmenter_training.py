@@ -9,7 +9,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from tasks.registry import run_content, runs
+from tasks.registry import run_of_row, runs
+from tasks.registry.content import values
 
 EXPERIMENT = "segmenter"
 
@@ -35,14 +36,14 @@ class TrainingRun:
             )
             self.id = str(run.info.run_id)
             self._log_parameters(parameters)
-        runs.open_run(self._client, self.id)
+        run_of_row.open_run(self._client, self.id)
 
-    def log(self, step: int, values: Mapping[str, float]) -> None:
+    def log(self, step: int, numbers: Mapping[str, float]) -> None:
         """Add the metrics of one step, in one call."""
         from mlflow.entities import Metric
 
         now = time.time_ns() // 1_000_000
-        metrics = [Metric(key, float(value), now, step) for key, value in values.items()]
+        metrics = [Metric(key, float(value), now, step) for key, value in numbers.items()]
         self._client.log_batch(self.id, metrics=metrics)
 
     def end(self, status: str, files: Iterable[Path] = ()) -> None:
@@ -54,5 +55,5 @@ class TrainingRun:
     def _log_parameters(self, parameters: Mapping[str, Any]) -> None:
         from mlflow.entities import Param
 
-        flat = run_content.flatten(parameters)
+        flat = values.flatten(parameters)
         self._client.log_batch(self.id, params=[Param(key, text) for key, text in flat.items()])

@@ -16,12 +16,13 @@ from urllib.parse import urlparse
 from mattgs_ops.errors import InputError
 from mattgs_ops.naming import checked_row
 from tasks.registry import runs
-from tasks.registry.runs import Row
+from tasks.registry.content import description
+from tasks.registry.project import experiment_name
+from tasks.registry.run_of_row import RECORDED_TAG, Row
 
 SUMMARY_TAG = "mattgs.summary"
 ROWS_FILE = "rows.json"
 REPORT_FOLDER = "report"
-NOTE_TAG = "mlflow.note.content"  # what the interface shows as a run's description, in Markdown
 NOTE_LENGTH = 5000  # letters; MLflow refuses tags of more than 8000 bytes
 WORDS_FILE, WORDS_END = "report.md", "## Tables"  # the report in words, and where the verdict ends
 # What a row calls its folders → where their files lie in its run
@@ -40,7 +41,7 @@ def record_summary(
 
     client: Any = MlflowClient(tracking_uri=tracking_uri)
     old = _summaries(client, experiment)
-    tags = {SUMMARY_TAG: benchmark, NOTE_TAG: _note(report)}
+    tags = {SUMMARY_TAG: benchmark, description.NOTE_TAG: _note(report)}
     run_id = str(client.create_run(experiment, tags=tags, run_name="summary").info.run_id)
     finished = [row for row in rows if row["status"] == "finished"]
     numbers = {
@@ -96,7 +97,7 @@ def report_rows(tracking_uri: str, benchmark: str) -> list[Row]:
     from mlflow.tracking import MlflowClient
 
     client: Any = MlflowClient(tracking_uri=tracking_uri)
-    found = client.get_experiment_by_name(benchmark)
+    found = client.get_experiment_by_name(experiment_name(benchmark))
     if found is not None:
         summaries = _summaries(client, found.experiment_id)
         if summaries and not _ended_since(client, found.experiment_id, summaries[0]):
@@ -157,15 +158,17 @@ def _summaries(client: Any, experiment: str) -> list[Any]:
 
 
 def _ended_since(client: Any, experiment: str, summary: Any) -> bool:
-    """Whether an experiment's run is newer than the summary, or still under way."""
+    """Whether an experiment's run was recorded after the summary, or is still under way."""
     query = "tags.`mattgs.row` != ''"
-    order = ["attributes.end_time DESC"]
-    newest = client.search_runs(
-        [experiment], filter_string=query, order_by=order, max_results=1
-    ) + client.search_runs(
-        [experiment],
-        filter_string=f"{query} and attributes.status = 'RUNNING'",
-        max_results=1,
-    )
-    ends = [run.info.end_time for run in newest]
-    return any(end is None or end > summary.info.end_time for end in ends)
+    running = f"{query} and attributes.status = 'RUNNING'"
+    if client.search_runs([experiment], filter_string=running, max_results=1):
+        return True
+    # runs of earlier versions were not dated as their trainings, and have no such tag
+    for order in (f"tags.`{RECORDED_TAG}` DESC", "attributes.end_time DESC"):
+        (newest,) = client.search_runs(
+            [experiment], filter_string=query, order_by=[order], max_results=1
+        ) or [summary]
+        ended = int(newest.data.tags.get(RECORDED_TAG, newest.info.end_time or 0))
+        if ended > summary.info.end_time:
+            return True
+    return False

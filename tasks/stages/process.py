@@ -64,7 +64,7 @@ class StageJob:
     that the operation fills; ``log`` is appended to; ``timeout`` is in seconds; ``status`` names
     the file that tells progress. ``imports`` are modules that the operation will need and that
     start no threads: with some, the process is forked from one that has them (``launcher.py``).
-    ``key`` is the stage's place in the store.
+    ``key`` is the stage's place in the store; ``began`` in seconds since the epoch.
     """
 
     title: str
@@ -77,6 +77,7 @@ class StageJob:
     timeout: float
     imports: tuple[str, ...] = ()
     key: str = ""
+    began: float = 0.0
 
     def save(self, path: Path) -> None:
         """Write the job as JSON."""

@@ -182,6 +182,7 @@ def perform(place: Place, stage: Stage) -> Artifact:
 
 def _make(place: Place, stage: Stage, slot: Slot, status: StatusFile) -> Finished:
     with _turn(place, stage, status) as threads:
+        date, began = time.time(), time.monotonic()
         job = process.StageJob(
             title=stage.title,
             operation=stage.operation,
@@ -193,13 +194,14 @@ def _make(place: Place, stage: Stage, slot: Slot, status: StatusFile) -> Finishe
             timeout=stage.timeout or place.run.stage_timeout,
             imports=stage.imports,
             key=str(slot.key),
+            began=date,
         )
-        began = time.monotonic()
         with _copied(place, stage, slot):
             process.run(job)
         seconds = round(time.monotonic() - began, 3)
     machine = provenance.describe(threads)
-    return slot.finish({"seconds": seconds, "machine": machine, "inputs": dict(stage.inputs)})
+    made = {"seconds": seconds, "began": round(date, 3), "machine": machine}
+    return slot.finish(made | {"inputs": dict(stage.inputs)})
 
 
 @contextmanager

@@ -11,8 +11,9 @@ import pytest
 
 from mattgs_ops.store.store import Store
 from tasks.registry import runs
-from tasks.registry.live_curves import Expected, following, read_curve
+from tasks.registry.live_curves import Expected, following, read_points
 from tasks.registry.record import promoted, record, record_summary
+from tasks.registry.run_of_row import TRAINING_TAG
 from tasks.stages.process import StageJob
 from tasks.stages.stage import Place
 
@@ -97,7 +98,7 @@ def test_points_arrive_while_the_training_runs_and_only_once(place: Place, work:
         with curve.open("a") as file:
             file.write("3,0.3,12,120,5\n4,0.2")  # the last line is not whole yet
         wait_for(lambda: len(history(place, run_id, "curve_loss")) == 3)
-    whole = [*read_curve(curve), {"step": 4.0, "loss": 0.2, "fixed_psnr": 13.0}]
+    whole = [*read_points(curve), {"step": 4.0, "loss": 0.2, "fixed_psnr": 13.0}]
     done = row() | {"status": "finished", "metrics": {"psnr": 13.0}}
     experiment = runs.open_benchmark(uri_of(place), "small", None)
     again = runs.record(
@@ -123,7 +124,7 @@ def test_what_a_killed_training_left_is_nobodys_curve(place: Place, work: Path) 
         run_id = only_run(place).info.run_id
         wait_for(lambda: len(history(place, run_id, "curve_loss")) == 2)
     assert history(place, run_id, "curve_loss") == [(1, 0.5), (2, 0.4)]
-    assert only_run(place).data.tags[runs.TRAINING_TAG] == KEY
+    assert only_run(place).data.tags[TRAINING_TAG] == KEY
 
 
 def test_trainings_of_other_benchmarks_and_strangers_are_left_alone(
@@ -158,6 +159,6 @@ def test_a_registry_that_fails_costs_nothing_but_a_warning(
 
 def test_half_a_line_of_a_curve_does_not_count(tmp_path: Path) -> None:
     path = tmp_path / "curve.csv"
-    assert read_curve(path) == []
+    assert read_points(path) == []
     path.write_text("step,loss\n1,0.25\n2,0.1")
-    assert read_curve(path) == [{"step": 1.0, "loss": 0.25}]
+    assert read_points(path) == [{"step": 1.0, "loss": 0.25}]

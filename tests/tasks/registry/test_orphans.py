@@ -8,8 +8,10 @@ from typing import Any
 
 import pytest
 
-from tasks.registry import run_owner, runs, summary
+from tasks.registry import runs, summary
+from tasks.registry.content import owner
 from tasks.registry.orphans import close_orphans
+from tasks.registry.run_of_row import OWNER_TAG
 from tasks.registry.segmenter_training import TrainingRun
 
 OPEN = """
@@ -92,19 +94,19 @@ def test_an_interrupted_run_hides_no_older_one_that_finished(uri: str, tmp_path:
 
 @pytest.mark.parametrize("text", ["", "elsewhere 1 1", "bench", "bench x y"])
 def test_only_processes_of_this_machine_can_be_known_to_be_dead(text: str) -> None:
-    assert not run_owner.is_dead(text)
+    assert not owner.is_dead(text)
 
 
 def test_a_number_that_was_given_out_again_is_another_process() -> None:
-    machine, number, began = run_owner.owner().rsplit(" ", 2)
-    assert not run_owner.is_dead(f"{machine} {number} {began}")
-    assert run_owner.is_dead(f"{machine} {number} {int(began) - 3600}")
+    machine, number, began = owner.owner().rsplit(" ", 2)
+    assert not owner.is_dead(f"{machine} {number} {began}")
+    assert owner.is_dead(f"{machine} {number} {int(began) - 3600}")
 
 
 def _disown(uri: str, run_id: str) -> None:
     """Make a run belong to a process that has ended."""
     from mlflow.tracking import MlflowClient
 
-    machine, number, began = run_owner.owner().rsplit(" ", 2)
+    machine, number, began = owner.owner().rsplit(" ", 2)
     dead = f"{machine} {number} {int(began) - 3600}"
-    MlflowClient(tracking_uri=uri).set_tag(run_id, runs.OWNER_TAG, dead)
+    MlflowClient(tracking_uri=uri).set_tag(run_id, OWNER_TAG, dead)

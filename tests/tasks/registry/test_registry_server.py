@@ -1,18 +1,11 @@
 """The registry as a server that others share: nothing lost, reports from it alone, models, splats.
 
-A real ``mlflow server`` on loopback, with SQLite behind it, that keeps the files itself.
+A real ``mlflow server`` on loopback (``conftest.py``).
 """
 
 import json
-import os
-import shutil
-import socket
 import subprocess
 import sys
-import time
-import urllib.error
-import urllib.request
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -27,6 +20,7 @@ from flows.cli.app import app
 from flows.results import view
 from mattgs_ops.capture.camera import Camera, Intrinsics
 from mattgs_ops.capture.scene import Scene, SparsePoints, View
+from mattgs_ops.errors import InputError
 from mattgs_ops.splat.files.ply import read_ply, write_ply
 from mattgs_ops.splat.gaussians import Splats
 from reports.page.build import build
@@ -36,45 +30,8 @@ from tasks.registry import runs, summary
 pytestmark = pytest.mark.slow
 
 LOGGERS, ROWS_EACH, POINTS = 12, 3, 150
-STARTING = 240  # seconds that a busy machine may take for the server
+LOADING = 240  # seconds that a busy machine may take for it
 COUNT = 40  # splats
-
-
-@pytest.fixture(scope="module")
-def server(tmp_path_factory: pytest.TempPathFactory, fresh_registry: Path) -> Iterator[str]:
-    folder = tmp_path_factory.mktemp("server")
-    shutil.copy(fresh_registry, folder / "mlflow.db")
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    command = [sys.executable, "-m", "mlflow", "server", "--workers", "1", "--host", "127.0.0.1"]
-    command += ["--port", str(port), "--backend-store-uri", f"sqlite:///{folder / 'mlflow.db'}"]
-    command += ["--serve-artifacts", "--artifacts-destination", str(folder / "files")]
-    environment = os.environ | {"MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"}
-    address = f"http://127.0.0.1:{port}"
-    with (folder / "log").open("w") as log:
-        process = subprocess.Popen(
-            command, env=environment, stdout=log, stderr=log, start_new_session=True
-        )
-        try:
-            _wait_for(address, process)
-            yield address
-        finally:
-            os.killpg(process.pid, 15)
-            process.wait(timeout=STARTING)
-
-
-def _wait_for(address: str, process: subprocess.Popen[bytes]) -> None:
-    end = time.monotonic() + STARTING
-    while True:
-        assert process.poll() is None, "the server ended"
-        assert time.monotonic() < end, "the server did not answer"
-        try:
-            urllib.request.urlopen(f"{address}/health", timeout=5).close()
-        except (urllib.error.URLError, TimeoutError):
-            time.sleep(0.2)
-        else:
-            return
 
 
 @pytest.fixture(autouse=True)
@@ -130,8 +87,9 @@ def run_id(server: str, tmp_path_factory: pytest.TempPathFactory) -> str:
     (files / "training.json").write_text(json.dumps({"background": [1, 1, 1]}))
     scene = files / "scene"
     scene.mkdir()
+    splits = ("test", "train", "train")
     views = tuple(
-        View(f"{i}.jpg", "train", 32, 24, scene / f"{i}.jpg", None, camera(i)) for i in range(3)
+        View(f"{i}.jpg", splits[i], 32, 24, scene / f"{i}.jpg", None, camera(i)) for i in range(3)
     )
     for shot in views:
         Image.new("RGB", (32, 24), (200, 80, 60)).save(shot.photo)
@@ -198,3 +156,66 @@ def test_splats_are_exported_shown_and_promoted_from_the_server(
     (image,) = mlflow.pyfunc.load_model(address).predict(splat_model.row_of(camera(0)))
     assert image.shape == (24, 32, 3)
     assert image.std() > 5
+
+
+# Hides the installed project from a process; what a model carries is found all the same
+WITHOUT_PROJECT = """
+import sys
+from importlib.machinery import PathFinder
+
+class WithoutProject(PathFinder):
+    @classmethod
+    def find_spec(cls, name, path=None, target=None):
+        if name in ("mattgs_ops", "tasks"):
+            path = [entry for entry in sys.path if entry.endswith("carried")]
+        return super().find_spec(name, path, target)
+
+others = [one for one in sys.meta_path if "editable" not in type(one).__module__]
+sys.meta_path[:] = [WithoutProject if one is PathFinder else one for one in others]
+import mlflow.pyfunc
+
+model = mlflow.pyfunc.load_model(sys.argv[1])
+(image,) = model.predict(model.input_example)
+print(*image.shape, image.sum(), "carried" in sys.modules["mattgs_ops"].__file__)
+"""
+
+
+def test_a_promoted_model_says_what_it_takes_and_carries_its_code(
+    server: str, run_id: str, tmp_path: Path
+) -> None:
+    import mlflow
+    from mlflow.tracking import MlflowClient
+
+    address = mattgs("promote", run_id, "--out", tmp_path).strip().rpartition(": ")[2]
+    client: Any = MlflowClient(tracking_uri=server)
+    (output,) = client.get_run(run_id).outputs.model_outputs
+    version = client.get_model_version_by_alias("served.ball.nobg-ours.10x32", "baseline")
+    logged = client.get_logged_model(output.model_id)
+    assert (logged.source_run_id, str(logged.status)) == (run_id, "READY")
+    assert version.source == logged.artifact_location
+    assert '"served.ball.nobg-ours.10x32"' in logged.tags["mlflow.modelVersions"]
+    model = mlflow.pyfunc.load_model(address)
+    assert model.metadata.signature.inputs.input_names() == list(splat_model.COLUMNS)
+    listed = Path(mlflow.pyfunc.get_model_dependencies(address)).read_text(encoding="utf-8")
+    names = {line.partition("==")[0] for line in listed.split()}
+    assert {"mlflow", "numpy", "torch"} <= names
+    assert "mattgs-bench" not in names, "it is on no index"
+    example = model.input_example
+    assert example.to_dict("records")[0]["translation"] == [0.0, 0.0, 4.0], "its held-out camera"
+    (image,) = model.predict(example)
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", WITHOUT_PROJECT, address],
+        cwd=tmp_path, capture_output=True, text=True, check=False, timeout=LOADING,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == ["24", "32", "3", str(image.sum()), "True"]
+
+
+def test_the_ui_command_names_the_server_instead_of_serving_it(
+    server: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = mattgs("ui", "--no-browser", "--out", tmp_path)
+    assert told.startswith(f"MLflow: {server} ")
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", "http://127.0.0.1:9")
+    with pytest.raises(InputError, match=r"MLFLOW_TRACKING_URI=http://127.0.0.1:9: no server"):
+        mattgs("ui", "--no-browser", "--out", tmp_path)

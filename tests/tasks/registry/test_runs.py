@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from mattgs_ops.errors import InputError
-from tasks.registry import runs, summary
+from tasks.registry import run_of_row, runs, summary
 
 PROCESSES, ROWS_EACH = 3, 4
 
@@ -136,14 +136,14 @@ def test_a_run_is_closed_with_what_came_last_and_no_more(place: tuple[str, Path]
 
 def test_other_code_configuration_or_inputs_are_another_run() -> None:
     keys = {
-        runs.row_key(row()),
-        runs.row_key(row(1)),
-        runs.row_key(row(iterations=200)),
-        runs.row_key(row(provenance={"code_version": "new"})),
-        runs.row_key(row(provenance=row()["provenance"] | {"inputs": {"photos": "2"}})),
+        run_of_row.row_key(row()),
+        run_of_row.row_key(row(1)),
+        run_of_row.row_key(row(iterations=200)),
+        run_of_row.row_key(row(provenance={"code_version": "new"})),
+        run_of_row.row_key(row(provenance=row()["provenance"] | {"inputs": {"photos": "2"}})),
     }
     assert len(keys) == 5
-    assert runs.row_key(row(metrics={}, status="failed")) == runs.row_key(row())
+    assert run_of_row.row_key(row(metrics={}, status="failed")) == run_of_row.row_key(row())
 
 
 def test_an_unknown_benchmark_is_refused_with_the_known_ones(place: tuple[str, Path]) -> None:

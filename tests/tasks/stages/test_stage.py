@@ -17,7 +17,7 @@ from mattgs_ops.errors import StageError
 from mattgs_ops.method import MethodConfig
 from tasks.evaluate import evaluate
 from tasks.measure import measure
-from tasks.registry.live_curves import read_curve
+from tasks.registry.live_curves import read_points
 from tasks.row import Outcome
 from tasks.stages.stage import Artifact, Cell, Place
 from tasks.stages.status import read_all
@@ -139,7 +139,7 @@ def test_a_killed_training_goes_on_here_or_elsewhere_and_ends_in_the_same_bits(
     for name in ("splats.ply", "start.npz"):
         kept = (whole / name).read_bytes()
         assert (copied / name).read_bytes() == (resumed / name).read_bytes() == kept
-    steps = [[p["step"] for p in read_curve(f / "curve.csv")] for f in (copied, resumed, whole)]
+    steps = [[p["step"] for p in read_points(f / "curve.csv")] for f in (copied, resumed, whole)]
     assert steps[0] == steps[1] == steps[2]
     assert not list((tmp_path / "shared").glob("drafts/train/*")), "drafts go when all is done"
 

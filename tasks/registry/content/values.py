@@ -9,8 +9,8 @@ from typing import Any
 Row = dict[str, Any]
 VIEWS_FILE = "per_view.json"
 BATCH_METRICS, BATCH_PARAMETERS = 1000, 100  # MLflow's limits for one call of log_batch
-
-
+CURVE, SYSTEM = "curve_", "system/"  # MLflow's interface shows the latter on a page of their own
+NOT_MEASURED = ("step", "time")  # of a point: when it was, not what
 PARAMETER_LENGTH = 6000  # MLflow's limit for a value
 
 
@@ -33,15 +33,37 @@ def row_metrics(row: Row, now: int) -> list[Any]:
     return [Metric(key, float(value), now, 0) for key, value in found if _is_number(value)]
 
 
-def curve_metrics(curve: Sequence[Mapping[str, float]], now: int) -> list[Any]:
-    """Return a training curve as metrics ``curve_*`` by step."""
+def new_points(
+    client: Any, run_id: str, points: Sequence[Mapping[str, float]], prefix: str
+) -> Sequence[Mapping[str, float]]:
+    """Return the points of a series that the run does not have yet; they come by their ``step``."""
+    if not points:
+        return []
+    name = next(key for key in points[0] if key not in NOT_MEASURED)
+    logged = client.get_metric_history(run_id, f"{prefix}{name}")
+    last = max((metric.step for metric in logged), default=-1)
+    return [point for point in points if point["step"] > last]
+
+
+def point_metrics(
+    points: Sequence[Mapping[str, float]], prefix: str, now: int | None = None
+) -> list[Any]:
+    """Return a series as metrics by step, their names with a prefix.
+
+    Each is dated ``now`` in milliseconds, or by its point's ``time`` in seconds.
+    """
     from mlflow.entities import Metric
 
     return [
-        Metric(f"curve_{key}", float(value), now, int(point["step"]))
-        for point in curve
+        Metric(
+            f"{prefix}{key}",
+            float(value),
+            round(1000 * point["time"]) if now is None else now,
+            int(point["step"]),
+        )
+        for point in points
         for key, value in point.items()
-        if key != "step" and _is_number(value)
+        if key not in NOT_MEASURED and _is_number(value)
     ]
 
 

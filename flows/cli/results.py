@@ -25,6 +25,7 @@ def register(app: typer.Typer) -> None:
     app.command()(promote)
     app.command()(export)
     app.command()(view)
+    app.command()(compare)
 
 
 def report(
@@ -129,3 +130,24 @@ def view(
     from flows.results.view import view as show
 
     show(run, out.resolve(), port, browser=browser)
+
+
+def compare(
+    first: Annotated[str, typer.Argument(metavar="RUN", help=f"A: {RUN}; or FILE:NAME of rows.")],
+    second: Annotated[str, typer.Argument(metavar="RUN", help="B, in the same way.")],
+    browser: Annotated[bool, typer.Option(help="Open the page in the browser.")] = True,
+    out: Out = DEFAULT_OUT,
+) -> None:
+    """Print a table of two runs of one capture, and open the slider over their test views.
+
+    A row of a file is named as rows.json:rover nobg-ours seed 0.
+    """
+    import webbrowser
+
+    from flows.results.compare import compare as compare_runs
+
+    told, page = compare_runs(first, second, out.resolve())
+    typer.echo(told)
+    typer.echo(f"Page: {page}")
+    if browser:
+        webbrowser.open(page.as_uri())

@@ -1,14 +1,14 @@
 """What a long computation takes of its machine: samples of CPU and memory in a file, by a thread.
 
 The names are MLflow's where the meaning is MLflow's (of the machine: CPU in percent of all cores,
-memory in use); those that begin with ``process`` are of this process alone, 100 percent of CPU
-being one core.
+memory in use); those that begin with ``process`` are of this process and those that it started, 100
+percent of CPU being one core.
 """
 
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import psutil
@@ -23,6 +23,7 @@ NAMES = (
 )
 EVERY = 5.0  # seconds between two samples: one takes less than a millisecond
 MEGABYTE = 1e6
+TICK = 0.01  # seconds; the kernel counts CPU time in such steps
 
 
 @contextmanager
@@ -46,8 +47,8 @@ class _Sampler(threading.Thread):
         self._file, self._every = file, every
         self._over = threading.Event()
         self._process = psutil.Process()
-        for measured in (psutil.cpu_percent, self._process.cpu_percent):
-            measured(None)  # both answer for the time since they were last called
+        psutil.cpu_percent(None)  # it answers for the time since it was last called
+        self._cpu, self._date = self._own()[0], time.monotonic()
         self._step = _lines(file)
         if self._step == 0:
             file.write_text(",".join(("step", "time", *NAMES)) + "\n", encoding="utf-8")
@@ -64,17 +65,31 @@ class _Sampler(threading.Thread):
 
     def _write(self) -> None:
         memory = psutil.virtual_memory()
+        cpu, resident = self._own()
+        date = time.monotonic()
+        share = 100 * max(0.0, cpu - self._cpu) / max(date - self._date, TICK)
+        self._cpu, self._date = cpu, date
         numbers = (
             psutil.cpu_percent(None),
             memory.percent,
             (memory.total - memory.available) / MEGABYTE,
-            self._process.cpu_percent(None),
-            self._process.memory_info().rss / MEGABYTE,
+            share,
+            resident / MEGABYTE,
         )
         line = ",".join([str(self._step), f"{time.time():.3f}", *(f"{n:.1f}" for n in numbers)])
         with self._file.open("a", encoding="utf-8") as file:
             file.write(line + "\n")
         self._step += 1
+
+    def _own(self) -> tuple[float, int]:
+        """Return CPU seconds and bytes of memory of this process and those that it started."""
+        seconds, resident = 0.0, 0
+        for process in (self._process, *self._process.children(recursive=True)):
+            with suppress(psutil.NoSuchProcess):  # it has ended just now
+                times = process.cpu_times()
+                seconds += times.user + times.system
+                resident += process.memory_info().rss
+        return seconds, resident
 
 
 def _lines(file: Path) -> int:

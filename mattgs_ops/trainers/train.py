@@ -17,6 +17,7 @@ from mattgs_ops.splat.files.training_report import SCHEMA, TrainingReport
 from mattgs_ops.splat.photos import background_colour
 from mattgs_ops.splat.training.initialise import scene_extent
 from mattgs_ops.store.digests import file_digest
+from mattgs_ops.timing import machine_load
 from mattgs_ops.timing.calibration import calibrate
 from mattgs_ops.trainer import TrainerConfig, fill
 from mattgs_ops.trainers import program
@@ -59,7 +60,8 @@ def operate(arguments: dict[str, Any], out: Path, threads: int, progress: Progre
     listen = _Listener(iterations, trainer.progress, progress)
     calibration = calibrate()
     print("+", *command, flush=True)  # noqa: T201 - a stage's standard output is its log
-    usage = program.run(name, command, output, program.environment_of(trainer), listen)
+    with machine_load.sampled(out / machine_load.LOAD_FILE):
+        usage = program.run(name, command, output, program.environment_of(trainer), listen)
     splats = take_splats(name, trainer, output, values, out / PLY)
     report = TrainingReport(
         schema=SCHEMA,

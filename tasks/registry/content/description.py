@@ -29,7 +29,8 @@ def describe(row: dict[str, Any], about: About) -> str:
     background = BACKGROUNDS.get(row["background"], row["background"])
     head = (
         f"3D Gaussian splats of **{row['capture']}** {background}, trained by **{row['method']}** "
-        f"for {int(row['iterations']):,} steps at {row['resolution']} pixels, seed {row['seed']}. "
+        f"for {int(row['iterations']):,} steps at {row['resolution']} pixels, seed {row['seed']}"
+        f"{_budget(row)}. "
         f"One experiment of the benchmark `{row['benchmark']}`."
     )
     parts = [
@@ -40,6 +41,10 @@ def describe(row: dict[str, Any], about: About) -> str:
         *_origin(row, about),
     ]
     return "\n\n".join(parts)
+
+
+def _budget(row: dict[str, Any]) -> str:
+    return f", with at most {int(row['budget']):,} splats" if row.get("budget") else ""
 
 
 def _state(row: dict[str, Any]) -> list[str]:

@@ -22,7 +22,7 @@ def test_a_computation_leaves_samples_that_its_machine_can_have(tmp_path: Path) 
     for one in samples:
         assert 0 <= one["cpu_utilization_percentage"] <= 100
         assert 1 < one["process_memory_usage_megabytes"] < one["system_memory_usage_megabytes"]
-    assert sum(one["process_cpu_utilization_percentage"] for one in samples) > 0
+    assert max(one["process_cpu_utilization_percentage"] for one in samples) > 20
 
 
 def test_a_short_one_has_its_last_sample_and_a_resumed_one_goes_on(tmp_path: Path) -> None:

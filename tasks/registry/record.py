@@ -83,7 +83,7 @@ def record(
             None if tracking_uri.startswith("http") else place.out / "mlflow-artifacts",
         )
         training = artifacts["train"].key if "train" in artifacts else None
-        known = runs.recorded(tracking_uri, experiment, row, training)
+        earlier = runs.recorded(tracking_uri, experiment, row, training)
         run_id = runs.record(
             tracking_uri,
             experiment,
@@ -92,7 +92,7 @@ def record(
             curve=_points(place, artifacts, CURVE_FILE),
             load=_points(place, artifacts, LOAD_FILE),
             about=about,
-            files=_files(place, row, artifacts, _known(known)),
+            files=_files(place, row, artifacts, _uploaded(earlier)),
             training=training,
             final=False,
         )
@@ -164,7 +164,7 @@ def promoted(tracking_uri: str, benchmark: str) -> list[Row]:
         return []
 
 
-def _known(row: Row | None) -> dict[str, str]:
+def _uploaded(row: Row | None) -> dict[str, str]:
     """Return the digests of the artifacts whose files a run with this row holds, by stage."""
     return dict(((row or {}).get("provenance") or {}).get("outputs") or {})
 
@@ -176,13 +176,13 @@ def _points(place: Place, artifacts: dict[str, Artifact], file: str) -> list[dic
 
 
 def _files(
-    place: Place, row: Row, artifacts: dict[str, Artifact], known: dict[str, str]
+    place: Place, row: Row, artifacts: dict[str, Artifact], uploaded: dict[str, str]
 ) -> Iterator[tuple[Path, str]]:
     """Yield what a run keeps, and where in the run: all that a report or a viewer needs.
 
-    Artifacts whose digests are ``known`` lie in the run already.
+    Artifacts whose digests are ``uploaded`` lie in the run already.
     """
-    new = {name for name, artifact in artifacts.items() if known.get(name) != artifact.digest}
+    new = {name for name, artifact in artifacts.items() if uploaded.get(name) != artifact.digest}
     for stage, names in KEPT.items():
         if stage in new:
             folder = place.folder(artifacts[stage])

@@ -45,8 +45,8 @@ def find_or_make(client: Any, experiment: str, row: Row, training: str | None, a
         made = client.create_run(experiment, start_time=start, tags=tags, run_name=name)
         run_id = str(made.info.run_id)
     else:
-        known = client.get_run(run_id).data.tags
-        values.log_tags(client, run_id, _tags(row, training, about, known))
+        old_tags = client.get_run(run_id).data.tags
+        values.log_tags(client, run_id, _tags(row, training, about, old_tags))
     dataset.log_dataset(client, run_id, row, about)
     return run_id
 
@@ -103,14 +103,14 @@ def end(client: Any, run_id: str, row: Row, before: Row | None, about: About) ->
 
 def update_state(client: Any, run_id: str, row: Row, about: About) -> None:
     """Bring the tags that say how it ended, and the description, up to date."""
-    known = client.get_run(run_id).data.tags
-    new = _state(row) | description.tags(row, about, known)
-    changed = {name: value for name, value in new.items() if known.get(name) != value}
+    old_tags = client.get_run(run_id).data.tags
+    new = _state(row) | description.tags(row, about, old_tags)
+    changed = {name: value for name, value in new.items() if old_tags.get(name) != value}
     if changed:
         values.log_tags(client, run_id, changed)
 
 
-def _tags(row: Row, training: str | None, about: About, known: dict[str, str]) -> dict[str, str]:
+def _tags(row: Row, training: str | None, about: About, old_tags: dict[str, str]) -> dict[str, str]:
     provenance = row.get("provenance") or {}
     found = {name: str(row[name]) for name in TAGS}
     found |= _state(row) | {
@@ -120,7 +120,7 @@ def _tags(row: Row, training: str | None, about: About, known: dict[str, str]) -
         "config_digest": str(provenance.get("config_digest", "")),
     }
     found |= {} if training is None else {TRAINING_TAG: training}
-    return found | origin.tags(row, about) | description.tags(row, about, known)
+    return found | origin.tags(row, about) | description.tags(row, about, old_tags)
 
 
 def _state(row: Row) -> dict[str, str]:

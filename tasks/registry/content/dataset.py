@@ -38,5 +38,5 @@ def log_dataset(client: Any, run_id: str, row: dict[str, Any], about: About) -> 
 def _profile(row: dict[str, Any]) -> dict[str, Any]:
     """Return what MLflow shows of the dataset besides its name and source."""
     found = row.get("registration") or {}
-    known = ("views", "registered", "points")
-    return {key: found[key] for key in known if key in found}
+    shown = ("views", "registered", "points")
+    return {key: found[key] for key in shown if key in found}

@@ -13,12 +13,12 @@ SHOWN = ("mask_psnr", "mask_ssim", "psnr", "ssim", "size_mb", "splats", "time", 
 DIGEST_LETTERS = 12
 
 
-def tags(row: dict[str, Any], about: About, known: dict[str, str]) -> dict[str, str]:
+def tags(row: dict[str, Any], about: About, old_tags: dict[str, str]) -> dict[str, str]:
     """Return the tags of the description; none where a person has changed what we wrote.
 
-    ``known`` are the run's tags so far.
+    ``old_tags`` are the run's tags so far.
     """
-    if NOTE_TAG in known and known.get(OWN_TAG) != _digest(known[NOTE_TAG]):
+    if NOTE_TAG in old_tags and old_tags.get(OWN_TAG) != _digest(old_tags[NOTE_TAG]):
         return {}
     text = describe(row, about)
     return {NOTE_TAG: text, OWN_TAG: _digest(text)}
@@ -49,7 +49,7 @@ def _budget(row: dict[str, Any]) -> str:
 
 def _state(row: dict[str, Any]) -> list[str]:
     if row["status"] == "failed":
-        return [f"**Failed:** {row.get('reason') or 'no reason is known'}"]
+        return [f"**Failed:** {row.get('reason') or 'no reason was given'}"]
     return ["Not finished yet."] if row["status"] == "running" else []
 
 

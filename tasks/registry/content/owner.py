@@ -1,8 +1,8 @@
 """Which process a run under way belongs to, and whether that process still lives.
 
-An owner is written ``MACHINE PROCESS BEGAN``, for example ``bench-1 4711 1763730000``: numbers of
-processes are given out again, the second in which one began is not. Of other machines nothing can
-be known from here, so nobody on them counts as dead.
+An owner is written ``MACHINE PROCESS BEGAN``, for example ``bench-1 4711 1763730000``: the system
+reuses process numbers, but not together with the second in which a process began. A process of
+another machine cannot be looked at from here and counts as alive.
 """
 
 import os

@@ -107,11 +107,15 @@ def _engine() -> Iterator[Path]:
 def requirements() -> list[str]:
     """Return what the carried code needs from PyPI, in the versions of this machine."""
     sources, _ = dependencies([RENDERER])
-    known = packages_distributions()
+    distributions = packages_distributions()
     names = {name for source in sources for name in _imported(source)} - set(
         sys.stdlib_module_names
     )
-    found = {known[name][0] for name in names if name in known and name != mattgs_ops.__name__}
+    found = {
+        distributions[name][0]
+        for name in names
+        if name in distributions and name != mattgs_ops.__name__
+    }
     # a local version, as of a CPU build, is on no index
     return sorted(f"{name}=={version(name).partition('+')[0]}" for name in {*found, "mlflow"})
 

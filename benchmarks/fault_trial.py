@@ -132,6 +132,7 @@ def dask_cluster(address: str, trial: Trial) -> Iterator[list[psutil.Process]]:
     port = address.rpartition(":")[2]
     scheduler = [*dask, "scheduler", "--host", "127.0.0.1", "--port", port, "--no-dashboard"]
     worker = [*dask, "worker", address, "--nthreads", "1", "--no-dashboard"]
+    worker += ["--resources", "train=1"]
     worker += ["--local-directory", str(trial.folder / "dask"), "--death-timeout", "20"]
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     environment = os.environ | {"TMPDIR": str(trial.folder)}

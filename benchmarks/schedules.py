@@ -82,27 +82,26 @@ def others(folder: Path) -> bool:
     say(f"the first night made {baseline.name}: {baseline.is_file()}")
     _better(baselines.load(baseline)).save(better)
     place = {"out": str(folder)}
-    judged = {"benchmark": "nightly", **place}
     night = {"name": "nightly", "config": str(tiny_config), **place}
     weekly = {"name": "weekly", "config": str(tiny_config), "iterations": 40, **place}
     training = {"folder": str(folder / "network"), "config": str(network), **place}
-    asked = [
-        ("nightly/quick", {**night, "baseline": str(baseline)}, 0),
-        ("gate/on-request", {**judged, "baseline": str(better)}, 1),
+    requests = [
+        ("nightly/quick", {**night, "gate": {"baseline": str(baseline)}}, 0),
+        ("gate/on-request", {"benchmark": "nightly", "baseline": str(better), **place}, 1),
         ("grid/weekly", weekly, 0),
         ("segmenter/training", training, 0),
     ]
-    ended = [_asked(name, parameters, code) for name, parameters, code in asked]
+    ended = [_requested(name, parameters, code) for name, parameters, code in requests]
     report = folder / "benchmarks" / "weekly" / "report.html"
     onnx = folder / "network" / "u2netp.onnx"
     say(f"weekly's report: {report.is_file()}; {onnx.name}: {onnx.is_file()}\n")
     return all(ended) and report.is_file() and onnx.is_file()
 
 
-def _asked(name: str, parameters: dict[str, object], expected: int) -> bool:
+def _requested(name: str, parameters: dict[str, object], expected: int) -> bool:
     """Run a deployment to its end; return whether its exit code is the expected one."""
     command = [sys.executable, "-m", "prefect", "--no-prompt", "deployment", "run", name]
-    command += ["--params", json.dumps(parameters), "--watch"]
+    command += ["--params", json.dumps({"settings": parameters}), "--watch"]
     began = time.monotonic()
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     took = time.monotonic() - began
@@ -173,10 +172,10 @@ def _wait_for_scheduled(folder: Path) -> str:
     from prefect.client.schemas.schedules import IntervalSchedule
     from prefect.settings import PREFECT_API_URL, temporary_settings
 
-    parameters = {
+    settings = {
         "name": "nightly",
         "config": str(folder.parent / "tiny.toml"),
-        "baseline": str(folder / "baseline.json"),
+        "gate": {"baseline": str(folder / "baseline.json")},
         "out": str(folder),
     }
     end = time.monotonic() + TIMEOUT_SECONDS
@@ -186,7 +185,7 @@ def _wait_for_scheduled(folder: Path) -> str:
     ):
         deployment = _found(client, end)
         say(f"{DEPLOYMENT}: due daily at 01:00 UTC; now tiny, and due in {SOON.seconds} s too")
-        client.update_deployment(deployment.id, DeploymentUpdate(parameters=parameters))
+        client.update_deployment(deployment.id, DeploymentUpdate(parameters={"settings": settings}))
         schedule = IntervalSchedule(
             interval=timedelta(days=1), anchor_date=datetime.now(UTC) + SOON
         )

@@ -110,6 +110,7 @@ def services(folder: Path) -> Iterator[tuple[str, dict[str, psutil.Process]]]:
         for name in WORKERS:
             hidden = [folder / other for other in ("flow", "photos", *WORKERS) if other != name]
             worker = [*dask, "worker", address, "--nthreads", "1", "--no-dashboard"]
+            worker += ["--resources", "train=1"]
             worker += ["--name", name, "--local-directory", str(folder / name / "dask")]
             process = stack.enter_context(_process(_without(hidden, worker), folder / name))
             workers[name] = psutil.Process(process)

@@ -6,14 +6,18 @@ and all others go on. Speed is measured last, when nothing else runs.
 """
 
 import sys
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import dask
 from prefect import flow
 from prefect.futures import PrefectFuture
 
 from flows.grid import cells
-from flows.prefect_artifacts import ProgressBar, show_results
+from flows.prefect_ui.artifacts import ProgressBar, show_dashboard, show_results
+from flows.services.dask_cluster import needed
+from flows.services.report_server import report_address
 from mattgs_ops.config import BenchmarkConfig, CaptureConfig
 from mattgs_ops.errors import MattgsError
 from mattgs_ops.naming import slug
@@ -30,7 +34,8 @@ from tasks.registry.record import (
     record_summary,
 )
 from tasks.row import Outcome, Row, make_row, running_row, settings
-from tasks.stages.stage import Artifact, Cell, Place
+from tasks.stages.run_log import RunLog
+from tasks.stages.stage import Artifact, Cell, Place, own_version
 from tasks.stages.status import StatusFile
 from tasks.train import training_title
 
@@ -60,15 +65,20 @@ class Chain:
 
 
 @flow(name="benchmark", flow_run_name="{config.name}", persist_result=False)
-def benchmark(config: BenchmarkConfig, out: Path, tracking_uri: str) -> Path:
+def benchmark(
+    config: BenchmarkConfig, out: Path, tracking_uri: str, dashboard: str | None = None
+) -> Path:
     """Run every experiment of the grid; write its rows and its report below ``out``.
 
-    Returns the report's path. Raises :class:`ExperimentsFailedError`, after everything was
-    written, when an experiment has failed.
+    ``dashboard`` is the address of Dask's, where there is one. Returns the report's path. Raises
+    :class:`ExperimentsFailedError`, after everything was written, when an experiment has failed.
     """
-    place = Place(out, config.name, config.run, len(config.captures))
+    place = Place(out, config.name, config.run, len(config.captures), own_version())
     close_orphans(tracking_uri, config.name)
+    if dashboard is not None:
+        show_dashboard(config.name, dashboard)
     chains = [chain for capture in config.captures for chain in _submit(place, capture, config)]
+    run_log = RunLog()
     outcomes: list[Outcome] = []
     recorded: list[Row] = []
     progress_bar = ProgressBar(config.name, len(chains))
@@ -79,11 +89,11 @@ def benchmark(config: BenchmarkConfig, out: Path, tracking_uri: str) -> Path:
             _warn(place, row)
             made = outcomes[-1].artifacts
             about = about_run(place, config, chain.cell, command(), made)
-            asked = settings(config, chain.cell)
-            recorded.append(record(place, tracking_uri, row, asked, made, about))
-            progress_bar.show(
-                len(outcomes), sum(outcome.reason is not None for outcome in outcomes)
-            )
+            configured = settings(config, chain.cell)
+            recorded.append(record(place, tracking_uri, row, configured, made, about))
+            failed_so_far = sum(outcome.reason is not None for outcome in outcomes)
+            progress_bar.show(len(outcomes), failed_so_far)
+            run_log.info(f"{len(outcomes)} of {len(chains)}: {chain.cell}: {_ended(recorded[-1])}")
     outcomes, speeds = _measure(place, outcomes, config)
     rows = []
     for outcome, before in zip(outcomes, recorded, strict=True):
@@ -97,8 +107,8 @@ def benchmark(config: BenchmarkConfig, out: Path, tracking_uri: str) -> Path:
         artifacts_root=place.store,
         baselines=promoted(tracking_uri, config.name),
     )
-    address = record_summary(place, tracking_uri, config.name, rows, path)
-    show_results(config.name, rows, path, address)
+    recorded_at = record_summary(place, tracking_uri, config.name, rows, path)
+    show_results(config.name, rows, path, report_address(path) or recorded_at)
     failed = [row for row in rows if row["status"] == "failed"]
     if failed:
         raise ExperimentsFailedError(len(failed), len(rows), path)
@@ -109,24 +119,40 @@ def _submit(place: Place, capture: CaptureConfig, config: BenchmarkConfig) -> li
     """Submit all tasks of one capture; preparation runs here, where the photos are."""
     mine = list(cells(config, capture.name))
     try:
-        prepared = run.prepare(place, capture, config)
+        prepared = run.configured(run.prepare, capture.name, config)(place, capture, config)
     except Exception as error:  # whatever it is, it is these experiments' alone
         return [Chain(cell, broken=str(error)) for cell in mine]
     name = capture.name
-    masks = run.named(run.segment, name).submit(place, name, prepared, config.segment)
-    solved = run.named(run.sfm, name).submit(place, name, prepared, masks, config.sfm)
+    segment, sfm = (run.configured(stage, name, config) for stage in (run.segment, run.sfm))
+    masks = segment.submit(place, name, prepared, config.segment)
+    solved = sfm.submit(place, name, prepared, masks, config.sfm)
     before: tuple[tuple[str, Future], ...] = (("segment", masks), ("sfm", solved))
     scene = solved
     if config.segment.refine == "votes":
-        scene = run.named(run.agree, name).submit(place, name, prepared, solved)
+        scene = run.configured(run.agree, name, config).submit(place, name, prepared, solved)
         before = (*before, ("agree", scene))
     chains = []
     for cell in mine:
-        splats = run.named(run.train, cell).submit(place, cell, scene, config)
-        scores = run.named(run.evaluate, cell).submit(place, cell, scene, splats, config)
+        train, evaluate = (run.configured(s, cell, config) for s in (run.train, run.evaluate))
+        with takes(config):
+            splats = train.submit(place, cell, scene, config)
+        scores = evaluate.submit(place, cell, scene, splats, config)
         futures = (*before, ("train", splats), ("evaluate", scores))
         chains.append(Chain(cell, prepared, futures))
     return chains
+
+
+def _ended(row: Row) -> str:
+    """Say how an experiment ended, for the run's log."""
+    if row["status"] == "failed":
+        return f"failed: {row['reason']}"
+    return f"PSNR {row['metrics']['psnr']:.2f} dB"
+
+
+def takes(config: BenchmarkConfig) -> AbstractContextManager[object]:
+    """Have Dask give what is submitted in this context a training's resources."""
+    annotated: AbstractContextManager[object] = dask.annotate(resources=needed(config.run))
+    return annotated
 
 
 def _expected(place: Place, config: BenchmarkConfig, chains: list[Chain]) -> dict[str, Expected]:
@@ -200,8 +226,9 @@ def _measure(
         ]
         if mine:
             finished = [outcomes[i] for i in mine]
-            task = run.named(run.measure, capture.name)
-            measuring.append((mine, task.submit(place, capture.name, finished, config)))
+            task = run.configured(run.measure, capture.name, config)
+            with takes(config):  # it trains, too
+                measuring.append((mine, task.submit(place, capture.name, finished, config)))
     for mine, future in measuring:
         try:
             speeds |= future.result()

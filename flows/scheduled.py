@@ -1,14 +1,12 @@
 """What runs on a schedule: a grid with the gate on it, the segmenter's training; Prefect flows.
 
 ``mattgs serve`` serves :data:`DEPLOYMENTS` from one process. ``prefect.yaml`` deploys the same to a
-work pool; it is generated: ``python -m flows.scheduled > prefect.yaml``. Relative paths are taken
-from the folder that the worker or server was started in.
+work pool; it is generated: ``python -m flows.scheduled [IMAGE] > prefect.yaml``. Relative paths are
+taken from the folder that the worker or server was started in.
 """
 
-import logging
 import sys
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 from uuid import UUID, uuid4
@@ -16,23 +14,27 @@ from uuid import UUID, uuid4
 import yaml
 from prefect import Flow, flow
 from prefect.artifacts import (
-    create_link_artifact,
     create_markdown_artifact,
     create_progress_artifact,
     update_progress_artifact,
 )
+from prefect.deployments.runner import RunnerDeployment
+from prefect.logging import get_run_logger
 from prefect.runtime import flow_run
 
-from flows.cli.arguments import DEFAULT_OUT
+from flows.forms import GateForm, GridForm, JudgeForm, NightlyForm, SegmenterForm
+from flows.prefect_ui.notifications import parameters_hook
 from mattgs_ops.errors import MattgsError
+from mattgs_ops.frozen import Frozen
 from mattgs_ops.progress import Progress, Throttle
 
 PROGRESS_SECONDS = 5.0  # between two updates of a progress bar: each is an API call
 WORK_POOL = "mattgs"  # prefect work-pool create --type process mattgs
+IMAGE_FOLDER = "/data"  # of Dockerfile, where stages write
 PREFECT_FILE_HEAD = """\
 # Written by `python -m flows.scheduled > prefect.yaml`; change flows/scheduled.py instead.
-# Deployments for a process work pool (docs/operations.md). `mattgs serve` serves the same ones from
-# one process. Paths are relative to the folder in which `prefect deploy` is run. Times are UTC.
+# Deployments for a work pool (docs/prefect.md). `mattgs serve` serves the same ones from one
+# process. Paths are relative to the folder in which `prefect deploy` is run. Times are UTC.
 """
 
 
@@ -40,58 +42,52 @@ class GateError(MattgsError):
     """The gate did not pass."""
 
 
-@flow(name="grid", flow_run_name="grid {name}", persist_result=False)
-def grid(
-    name: str,
-    config: Path | None = None,
-    iterations: int | None = None,
-    resolution: int | None = None,
-    seeds: tuple[int, ...] | None = None,
-    conditions: tuple[str, ...] | None = None,
-    remeasure: bool = True,
-    out: Path = DEFAULT_OUT,
-    run: str | None = None,
-) -> None:
-    """Run a benchmark as ``mattgs run`` does; ``config`` is a TOML file, the others override it.
+@flow(
+    name="grid",
+    flow_run_name="grid {settings.name}",
+    persist_result=False,
+    on_failure=[parameters_hook],
+    on_crashed=[parameters_hook],
+)
+def grid(settings: GridForm, run: str | None = None) -> None:
+    """Run a benchmark as ``mattgs run`` does. Ends as failed when an experiment has failed.
 
-    ``remeasure`` measures speed anew, also where no code has changed. ``run`` is what its record
-    calls this run. Ends as failed when an experiment has failed.
+    ``run`` is what its record calls this run.
     """
     from flows.cli.options import benchmark_config
     from flows.cli.run import run_benchmark
 
-    given = {"iterations": iterations, "resolution": resolution, "seeds": seeds}
-    merged = benchmark_config(config, {"name": name, "conditions": conditions, **given})
-    complete = run_benchmark(merged, out.resolve(), run=run, remeasure=remeasure)
-    if not complete:
-        report = out.resolve() / "benchmarks" / name / "report.html"
+    merged = benchmark_config(settings.config, settings.options())
+    out = settings.out.resolve()
+    if not run_benchmark(merged, out, run=run, remeasure=settings.remeasure):
+        report = out / "benchmarks" / settings.name / "report.html"
         raise MattgsError(f"some experiments failed; report: {report}")
 
 
-@flow(name="nightly", flow_run_name="nightly {name}", persist_result=False)
-def nightly(
-    name: str,
-    baseline: str,
-    config: Path | None = None,
-    iterations: int | None = None,
-    conditions: tuple[str, ...] | None = None,
-    out: Path = DEFAULT_OUT,
-) -> None:
-    """Run a grid, speed measured anew, then judge what this very run wrote.
+@flow(
+    name="nightly",
+    flow_run_name="nightly {settings.name}",
+    persist_result=False,
+    on_failure=[parameters_hook],
+    on_crashed=[parameters_hook],
+)
+def nightly(settings: NightlyForm) -> None:
+    """Run a grid, then judge what this very run wrote.
 
-    ``baseline`` as for :func:`gate`. Where it is a file that is not there yet, it is made of this
-    run, and said so. Ends as failed unless the gate passes, which a grid that broke off does not.
+    Where the baseline is a file that is not there yet, it is made of this run, and the artifact
+    says so. Ends as failed unless the gate passes, which a grid that broke off does not.
     """
     run = str(flow_run.id or uuid4())
+    name, out, judged = settings.name, settings.out, settings.gate
     try:
-        grid(name, config, iterations, conditions=conditions, out=out, run=run)
+        grid(GridForm(**settings.model_dump(exclude={"gate"})), run=run)
     except Exception as error:  # the gate says what came of it
-        logging.getLogger("mattgs").warning("the grid %s did not end well: %s", name, error)
-    file = Path(baseline)
+        get_run_logger().warning("the grid %s did not end well: %s", name, error)
+    file = Path(judged.baseline)
     if file.suffix and not file.is_file():
         _first(name, file, out, run)
     else:
-        gate(name, baseline, out=out, run=run)
+        gate(JudgeForm(benchmark=name, out=out, **judged.model_dump()), run=run)
 
 
 def _first(name: str, file: Path, out: Path, run: str) -> None:
@@ -102,41 +98,56 @@ def _first(name: str, file: Path, out: Path, run: str) -> None:
     wrong = run_record.problem(out.resolve() / "benchmarks" / name, run)
     failed = [] if wrong else [r for r in recorded(out.resolve(), name) if r["status"] == "failed"]
     if wrong or failed:
-        told = wrong or f"{len(failed)} experiments failed"
-        raise GateError(f"no baseline was made of {name}: {told}")
+        reason = wrong or f"{len(failed)} experiments failed"
+        raise GateError(f"no baseline was made of {name}: {reason}")
     make_baseline(out.resolve(), name, file)
     text = f"There was no baseline {file}: it was made of this run ({run}). Nothing was judged."
     create_markdown_artifact(text, key="gate", description=f"First baseline of {name}")
 
 
-@flow(name="segmenter", flow_run_name="train segmenter", persist_result=False)
-def segmenter(folder: Path, config: Path | None = None, out: Path = DEFAULT_OUT) -> None:
+@flow(
+    name="segmenter",
+    flow_run_name="train segmenter",
+    persist_result=False,
+    on_failure=[parameters_hook],
+    on_crashed=[parameters_hook],
+)
+def segmenter(settings: SegmenterForm) -> None:
     """Train U²-Net as ``mattgs segment train`` does; an interrupted training goes on."""
     from flows.services import embedded
     from mattgs_ops.segment.network.train_config import SegmentTrainConfig, load_train_config
     from tasks.train_segmenter import train_segmenter
 
-    settings = SegmentTrainConfig() if config is None else load_train_config(config)
-    folder, out = folder.resolve(), out.resolve()
+    config = settings.config
+    training = SegmentTrainConfig() if config is None else load_train_config(config)
+    folder, out = settings.folder.resolve(), settings.out.resolve()
     tracking = embedded.tracking_uri(out)
-    onnx = train_segmenter(settings, folder, tracking, out, progress=_progress_bar("segmenter"))
-    create_link_artifact(
-        onnx.as_uri(), key="segmenter", link_text=onnx.name, description="For `segment.model`"
-    )
+    onnx = train_segmenter(training, folder, tracking, out, progress=_progress_bar("segmenter"))
+    text = f"The network for `segment.model`: `{onnx}`"
+    create_markdown_artifact(text, key="segmenter", description=onnx.name)
 
 
-@flow(name="gate", flow_run_name="gate {benchmark}", persist_result=False)
-def gate(benchmark: str, baseline: str, out: Path = DEFAULT_OUT, run: str | None = None) -> None:
+@flow(
+    name="gate",
+    flow_run_name="gate {settings.benchmark}",
+    persist_result=False,
+    on_failure=[parameters_hook],
+    on_crashed=[parameters_hook],
+)
+def gate(settings: JudgeForm, run: str | None = None) -> None:
     """Compare a recorded benchmark with a baseline; ends as failed unless the gate passes.
 
     ``run`` names the run whose rows these must be.
     """
     from flows.gate import judge
 
-    text, code = judge(out.resolve(), benchmark, baseline, run=run)
-    create_markdown_artifact(f"```\n{text}\n```", key="gate", description=f"Gate of {benchmark}")
+    name, out = settings.benchmark, settings.out.resolve()
+    text, code = judge(
+        out, name, settings.baseline, doubt=settings.doubt, must_see=settings.must_see, run=run
+    )
+    create_markdown_artifact(f"```\n{text}\n```", key="gate", description=f"Gate of {name}")
     if code != 0:
-        raise GateError(f"the gate of {benchmark} did not pass (exit code {code}):\n{text}")
+        raise GateError(f"the gate of {name} did not pass (exit code {code}):\n{text}")
 
 
 def _progress_bar(key: str) -> Progress:
@@ -154,16 +165,21 @@ def _progress_bar(key: str) -> Progress:
 
 @dataclass(frozen=True)
 class Deployment:
-    """A flow, when it runs (cron, UTC; None: on request), and with what parameters."""
+    """A flow, when it runs (cron, UTC; None: on request), and what its form is filled with."""
 
     flow: Flow[..., None]
     name: str
     cron: str | None
     description: str
-    parameters: Mapping[str, Any] = field(default_factory=dict)
+    settings: Frozen
 
     def __str__(self) -> str:
         return f"{self.flow.name}/{self.name}"
+
+    def parameters(self, **others: object) -> dict[str, Any]:
+        """Return the flow's parameters as JSON values: what is set here, and ``others``."""
+        values = self.settings.model_copy(update=others)
+        return {"settings": values.model_dump(mode="json", exclude_unset=True)}
 
 
 DEPLOYMENTS = (
@@ -172,71 +188,85 @@ DEPLOYMENTS = (
         "quick",
         "0 1 * * *",
         "The bundled captures at the quick setting, then the gate on this run's numbers",
-        {"name": "nightly", "baseline": "baseline.json"},
+        NightlyForm(name="nightly", gate=GateForm(baseline="baseline.json")),
     ),
     Deployment(
         grid,
         "weekly",
         "0 8 * * 6",
         "The paper's 30,000 iterations",
-        {"name": "weekly", "iterations": 30_000, "resolution": 640},
+        GridForm(name="weekly", iterations=30_000, resolution=640),
     ),
     Deployment(
         gate,
         "on-request",
         None,
         "A recorded benchmark against a baseline, on request",
-        {"benchmark": "nightly", "baseline": "baseline.json"},
+        JudgeForm(benchmark="nightly", baseline="baseline.json"),
     ),
     Deployment(
         segmenter,
         "training",
         None,
         "U²-Net anew, on request",
-        {"folder": "mattgs-out/segmenter"},
+        SegmenterForm(),
     ),
 )
 
 
-def prefect_file() -> str:
-    """Return the text of ``prefect.yaml``: :data:`DEPLOYMENTS` for a process work pool."""
+def prefect_file(image: str | None = None) -> str:
+    """Return the text of ``prefect.yaml``: :data:`DEPLOYMENTS` for a process work pool.
+
+    With ``image``, a container image that has this package, for a docker or kubernetes one.
+    """
     entries = []
     for one in DEPLOYMENTS:
+        function = one.flow.fn.__name__
         entry: dict[str, Any] = {
             "name": one.name,
-            "entrypoint": f"flows/scheduled.py:{one.flow.fn.__name__}",
+            "entrypoint": f"flows/scheduled.py:{function}",
             "description": one.description,
         }
         if one.cron is not None:
             entry["schedules"] = [{"cron": one.cron}]
-        entry["parameters"] = dict(one.parameters)
+        entry["parameters"] = one.parameters()
         entry["work_pool"] = {"name": WORK_POOL, "work_queue_name": "default"}
         entry["concurrency_limit"] = 1
+        if image is not None:  # which has the package installed, and no file flows/scheduled.py
+            entry["entrypoint"] = f"flows.scheduled.{function}"
+            entry["work_pool"]["job_variables"] = {"image": image}
         entries.append(entry)
-    content = {"name": "mattgs-bench", "deployments": entries}
+    content: dict[str, Any] = {"name": "mattgs-bench"}
+    if image is not None:
+        step = "prefect.deployments.steps.set_working_directory"
+        content["pull"] = [{step: {"directory": IMAGE_FOLDER}}]
+    content["deployments"] = entries
     text: str = yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
     return PREFECT_FILE_HEAD + text
 
 
-def serve_all(names: frozenset[str], out: Path) -> None:
-    """Serve the deployments called ``FLOW/NAME`` in ``names``, or all, until Ctrl-C."""
-    from prefect import serve
-    from prefect.deployments.runner import RunnerDeployment
-
-    deployments = [
+def runner_deployments(names: frozenset[str], out: Path) -> list[RunnerDeployment]:
+    """Return the deployments called ``FLOW/NAME`` in ``names``, or all, for one serving process."""
+    return [
         RunnerDeployment.from_flow(
             one.flow,
             one.name,
             cron=one.cron,
-            parameters={**one.parameters, "out": str(out)},
+            parameters=one.parameters(out=out),
             description=one.description,
         )
         for one in DEPLOYMENTS
         if not names or str(one) in names
     ]
+
+
+def serve_all(names: frozenset[str], out: Path) -> None:
+    """Serve the deployments called ``FLOW/NAME`` in ``names``, or all, until Ctrl-C."""
+    from prefect import serve
+
     # one at a time: two grids at once would only slow each other down
-    serve(*deployments, limit=1, print_starting_message=False)
+    serve(*runner_deployments(names, out), limit=1, print_starting_message=False)
 
 
 if __name__ == "__main__":
-    sys.stdout.write(prefect_file())
+    sys.stdout.write(prefect_file(*sys.argv[1:2]))

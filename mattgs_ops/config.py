@@ -166,10 +166,23 @@ class RunConfig(Frozen):
     workers: int = Field(0, ge=0, description="Dask worker processes; 0: one per core")
     threads: int = Field(1, ge=1, description="threads of one training")
     stage_timeout: float = Field(6 * 3600, gt=0, description="seconds one stage may take")
-    retries: int = Field(1, ge=0)
-    dask_scheduler: str | None = Field(None, description="tcp://… of an existing scheduler")
+    retries: int = Field(1, ge=0, description="of a stage whose process crashed or was killed")
+    memory: float = Field(
+        0, ge=0, description="bytes that one training asks of a Dask worker's resources; 0: none"
+    )
+    dask_scheduler: str | None = Field(
+        None, description="tcp://… or tls://… of an existing scheduler"
+    )
+    dask_certificates: Path | None = Field(
+        None, description="folder with ca.pem, cert.pem and key.pem for tls://"
+    )
     sitting: str | None = Field(
         None, description="measures speed anew: a name that no earlier measurement had"
+    )
+    notify: str | None = Field(
+        None,
+        pattern=r"^(https?://\S+|[a-z0-9-]+/[a-z0-9-]+)$",
+        description="told of a failed run: TYPE/NAME of a block of Prefect's, or a URL for a POST",
     )
     store: str | None = Field(None, description="s3://… or another fsspec URL for finished stages")
     checkpoint_copy_every: float = Field(

@@ -40,7 +40,12 @@ ROOMS = {
         "page": {"rows", "tables", "figures"},
         "gate": {"rows", "tables", "figures"},
     },
-    "flows": {"services": set(), "results": {"services"}, "cli": {"services", "results"}},
+    "flows": {
+        "services": set(),
+        "prefect_ui": set(),
+        "results": {"services"},
+        "cli": {"services", "prefect_ui", "results"},
+    },
 }
 # the only modules that talk to MLflow: the registry, and the model flavour that MLflow itself loads
 MLFLOW_SPEAKERS = {"tasks/registry", "tasks/splat_model.py"}

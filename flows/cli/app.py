@@ -61,10 +61,17 @@ def run(
     ] = None,
     threads: Annotated[int | None, typer.Option(help="Threads of one training.")] = None,
     dask_scheduler: Annotated[
-        str | None, typer.Option(help="Use this Dask scheduler, tcp://HOST:PORT.")
+        str | None, typer.Option(help="Use this Dask scheduler, tcp://HOST:PORT or tls://….")
+    ] = None,
+    dask_certificates: Annotated[
+        Path | None, typer.Option(help="Folder with ca.pem, cert.pem and key.pem for tls://.")
     ] = None,
     store: Annotated[
         str | None, typer.Option(help="Share finished stages there: s3://BUCKET/FOLDER, file://…")
+    ] = None,
+    notify: Annotated[
+        str | None,
+        typer.Option(help="Message on failure: TYPE/NAME of a Prefect block, or a URL."),
     ] = None,
     remeasure: Annotated[
         bool,
@@ -100,7 +107,9 @@ def run(
             "workers": workers,
             "threads": threads,
             "dask_scheduler": dask_scheduler,
+            "dask_certificates": dask_certificates,
             "store": store,
+            "notify": notify,
         },
     )
     if not run_benchmark(merged, out.resolve(), remeasure=remeasure):

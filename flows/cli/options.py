@@ -15,6 +15,17 @@ from mattgs_ops.naming import FILE_NAME, MOST_LETTERS, slug
 COMMAND_LINE = "command line"
 OWN_SOURCES = ("photos", "capture", "video")  # options that name a capture of the user's own
 SOURCES = (*OWN_SOURCES, "captures")
+# options and fields of the deployments' forms that are settings of RunConfig
+RUN_OPTIONS = (
+    "workers",
+    "threads",
+    "retries",
+    "stage_timeout",
+    "store",
+    "dask_scheduler",
+    "dask_certificates",
+    "notify",
+)
 
 
 def benchmark_config(file: Path | None, options: Mapping[str, Any]) -> BenchmarkConfig:
@@ -32,7 +43,7 @@ def benchmark_config(file: Path | None, options: Mapping[str, Any]) -> Benchmark
     for key in ("iterations", "resolution", "conditions", "seeds"):
         if key in given:
             data[key] = given[key]
-    for key in ("workers", "threads", "dask_scheduler", "store"):
+    for key in RUN_OPTIONS:
         if key in given:
             data["run"][key] = given[key]
     name = _name(given)

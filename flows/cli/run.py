@@ -8,7 +8,7 @@ from rich.console import Console
 from flows import run_record
 from flows.cli import terminal
 from flows.grid import stages
-from flows.services import embedded
+from flows.services import dask_cluster, embedded
 from flows.services.embedded import Services
 from mattgs_ops.config import BenchmarkConfig
 from mattgs_ops.errors import InputError
@@ -18,7 +18,7 @@ from mattgs_ops.store.remote import RemoteStore
 from mattgs_ops.store.store import Store
 from tasks.prepare import prepare
 from tasks.stages import status
-from tasks.stages.stage import Place
+from tasks.stages.stage import Place, own_version
 
 
 def run_benchmark(
@@ -48,14 +48,16 @@ def _run(config: BenchmarkConfig, out: Path) -> bool:
     console = Console(soft_wrap=True)
     out.mkdir(parents=True, exist_ok=True)
     embedded.quieten(out)
-    place = Place(out, config.name, config.run, len(config.captures))
+    place = Place(out, config.name, config.run, len(config.captures), own_version())
     if config.run.store is not None:
         RemoteStore(config.run.store).check()
     count = _plan(place, config)
     with in_use(Store(place.store)), embedded.Starting(out, config.run) as starting:
-        with terminal.watch(place.status, count, console, embedded.worker_count(config.run)):
+        with terminal.watch(place.status, count, console, dask_cluster.worker_count(config.run)):
             _prepare_all(place, config)
-            report, complete = _run_flow(config, out, starting.ready())
+            services = starting.ready()
+            console.print(str(services), markup=False, highlight=False)
+            report, complete = _run_flow(config, out, services)
         _print_end(place, report, console, time.monotonic() - began)
     return complete
 
@@ -91,10 +93,14 @@ def _run_flow(config: BenchmarkConfig, out: Path, services: Services) -> tuple[P
     from prefect_dask import DaskTaskRunner
 
     from flows.benchmark import ExperimentsFailedError, benchmark
+    from flows.prefect_ui import notifications
 
     runner = DaskTaskRunner(address=services.dask_scheduler)
+    notifications.check(config.run.notify)
+    hooks = notifications.failure_hook(config.run.notify)
     try:
-        report = benchmark.with_options(task_runner=runner)(config, out, services.tracking_uri)
+        run = benchmark.with_options(task_runner=runner, on_failure=hooks, on_crashed=hooks)
+        report = run(config, out, services.tracking_uri, services.dask_dashboard)
     except ExperimentsFailedError as failed:
         return failed.report, False
     return report, True

@@ -1,13 +1,12 @@
-"""The services that a benchmark needs, started beside it when none are named.
+"""The services that a benchmark needs, started beside it where none are configured.
 
 Embedded default, everything below the output folder: a temporary Prefect server, MLflow on a SQLite
-file, a Dask cluster of single-threaded worker processes. ``PREFECT_API_URL``,
+file, a Dask cluster of single-threaded worker processes. An API in Prefect's settings,
 ``MLFLOW_TRACKING_URI`` and a Dask scheduler's address name existing ones, which are used unchanged.
 The flow does not know the difference.
 """
 
 import fcntl
-import logging
 import os
 import threading
 from collections.abc import Iterator
@@ -16,27 +15,25 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
+from flows.services import dask_cluster, prefect_settings
 from flows.services.prefect_server import PrefectServer
 from mattgs_ops.config import RunConfig
-from mattgs_ops.errors import InputError, StageError
 from tasks.registry import runs
 
 QUIET = {
-    "PREFECT_LOGGING_LEVEL": "WARNING",
-    "PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL": "CRITICAL",  # failures are told once, by the rows
+    # on the terminal failures are printed once, by the rows; the run's log has everything
+    "PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL": "CRITICAL",
     "PREFECT_SERVER_ANALYTICS_ENABLED": "false",
     "PREFECT_CLI_PROMPT": "false",
     "DASK_LOGGING__DISTRIBUTED": "critical",
     "DASK_DISTRIBUTED__WORKER__DAEMON": "true",
     "DO_NOT_TRACK": "true",
     "MLFLOW_DISABLE_TELEMETRY": "true",
-    "MLFLOW_LOGGING_LEVEL": "CRITICAL",  # what fails is told once, by a warning of ours
+    "MLFLOW_LOGGING_LEVEL": "CRITICAL",  # a warning of ours says what failed
     "MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR": "false",
     "MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT": "true",  # a server's; else two lines per run
     "GIT_PYTHON_REFRESH": "quiet",
 }
-WORKER_IMPORTS = "tasks.prefect_tasks"
-CONNECT_SECONDS = 20.0  # to a scheduler that the user named
 
 
 @dataclass(frozen=True)
@@ -44,9 +41,18 @@ class Services:
     """Addresses of everything that the flow talks to."""
 
     prefect_api: str
+    prefect_is_ours: bool
     tracking_uri: str
     dask_scheduler: str
     dask_dashboard: str | None
+
+    def __str__(self) -> str:
+        """Say in a line each which Prefect is used, and where Dask's dashboard is."""
+        prefect = "a temporary server, as no API is configured" if self.prefect_is_ours else None
+        lines = [f"Prefect: {prefect or self.prefect_api}"]
+        if self.dask_dashboard is not None:
+            lines.append(f"Dask: {self.dask_dashboard}")
+        return "\n".join(lines)
 
 
 def quieten(out: Path) -> None:
@@ -56,10 +62,7 @@ def quieten(out: Path) -> None:
     """
     for key, value in QUIET.items():
         os.environ.setdefault(key, value)
-    if "PREFECT_HOME" not in os.environ:
-        home = out / "prefect" / "client"
-        home.mkdir(parents=True, exist_ok=True)  # Prefect warns where its parent is missing
-        os.environ["PREFECT_HOME"] = str(home)
+    prefect_settings.use_own_home(out)
 
 
 class Starting:
@@ -75,7 +78,7 @@ class Starting:
         self._stack = ExitStack()
 
     def __enter__(self) -> "Starting":
-        self._api = os.environ.get("PREFECT_API_URL")
+        self._api = prefect_settings.api_url()
         self._server: PrefectServer | None = None
         if self._api is None:
             self._server = self._stack.enter_context(_prefect_server(self._out))
@@ -94,13 +97,16 @@ class Starting:
         api = self._server.address() if self._server is not None else str(self._api)
         variables = {"PREFECT_API_URL": api, "MLFLOW_TRACKING_URI": self._tracking}
         self._stack.enter_context(_environment(**variables))
-        scheduler, dashboard = self._stack.enter_context(_dask(self._out, self._run))
-        self._stack.enter_context(_prefect_settings(api))
+        cluster = self._stack.enter_context(dask_cluster.started(self._out, self._run))
+        # nobody looks at a temporary server: the log files have it all
+        logs = self._server is None
+        self._stack.enter_context(prefect_settings.using(api, logs=logs))
         self._mlflow.finish()
         if self._server is not None:
             self._server.wait()
             self._server.follow()
-        return Services(api, self._tracking, scheduler, dashboard)
+        ours = self._server is not None
+        return Services(api, ours, self._tracking, cluster.scheduler, cluster.dashboard)
 
 
 def tracking_uri(out: Path) -> str:
@@ -171,57 +177,3 @@ def _environment(**values: str) -> Iterator[None]:
                 os.environ.pop(key, None)
             else:
                 os.environ[key] = value
-
-
-@contextmanager
-def _prefect_settings(api: str) -> Iterator[None]:
-    from prefect.settings import PREFECT_API_URL, temporary_settings
-
-    with temporary_settings({PREFECT_API_URL: api}):
-        yield
-
-
-@contextmanager
-def _dask(out: Path, run: RunConfig) -> Iterator[tuple[str, str | None]]:
-    """Yield the scheduler's address and the dashboard's."""
-    if run.dask_scheduler is not None:
-        yield _existing_scheduler(run.dask_scheduler), None
-        return
-    import dask
-    from distributed import LocalCluster
-
-    settings = {"distributed.scheduler.allowed-failures": run.retries + 2}
-    with dask.config.set(settings):
-        cluster = LocalCluster(
-            n_workers=worker_count(run),
-            threads_per_worker=1,
-            processes=True,
-            memory_limit=0,  # the work is done by subprocesses, which Dask does not see
-            dashboard_address="127.0.0.1:0",
-            local_directory=str(out / "dask"),
-            silence_logs=logging.CRITICAL,
-            preload=[WORKER_IMPORTS],  # else each worker's first stage waits for it
-        )
-    try:
-        yield cluster.scheduler_address, cluster.dashboard_link
-    finally:
-        cluster.close(timeout=10)
-
-
-def worker_count(run: RunConfig) -> int:
-    """Return how many stages run at a time: as asked, else no more threads than cores of ours."""
-    cores = len(os.sched_getaffinity(0))  # a batch system or a container may give fewer than all
-    return run.workers or max(1, cores // run.threads)
-
-
-def _existing_scheduler(address: str) -> str:
-    from distributed import Client
-
-    try:
-        with Client(address, timeout=CONNECT_SECONDS, set_as_default=False) as client:
-            workers = client.scheduler_info(n_workers=-1)["workers"]
-    except (OSError, TimeoutError, ValueError) as error:
-        raise InputError(f"--dask-scheduler {address}: no scheduler answers: {error}") from error
-    if not workers:
-        raise StageError(f"--dask-scheduler {address}: the scheduler has no workers")
-    return address

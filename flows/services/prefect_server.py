@@ -148,6 +148,9 @@ def _environment(home: Path) -> dict[str, str]:
         **kept,
         "PYTHONPATH": os.pathsep.join(paths),
         "PREFECT_HOME": str(home),
+        # of the user's settings, those of a server of theirs are not meant for this one
+        "PREFECT_PROFILES_PATH": str(home / "profiles.toml"),
+        "PREFECT_API_DATABASE_CONNECTION_URL": f"sqlite+aiosqlite:///{home / 'prefect.db'}",
         "PREFECT_SERVER_ANALYTICS_ENABLED": "false",
         "PREFECT_API_BLOCKS_REGISTER_ON_START": "false",  # unused here, and slow
         "PREFECT__SERVER_EPHEMERAL": "1",

@@ -8,8 +8,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from flows.services import embedded
+from flows.services import embedded, prefect_settings
 from flows.services.prefect_server import START_SECONDS, healthy
+from flows.services.report_server import serving
 from mattgs_ops.errors import InputError, StageError
 
 POLL_SECONDS = 0.2
@@ -18,19 +19,21 @@ POLL_SECONDS = 0.2
 def serve(out: Path, port: int, names: list[str]) -> None:
     """Serve until Ctrl-C; raises :class:`InputError` for a deployment that does not exist.
 
-    Without ``PREFECT_API_URL`` a Prefect server is started on ``port``, its database below ``out``;
-    it ends with this process.
+    Where Prefect's settings name no API, a server is started on ``port``, its database below
+    ``out``; it ends with this process. Reports are served on the next port, so that links in the
+    interface open them.
     """
     out.mkdir(parents=True, exist_ok=True)
     embedded.quieten(out)
     _check(names)
-    url = os.environ.get("PREFECT_API_URL")
-    if url is not None:
-        _serve(url, names, out)
-        return
-    with server(out, port) as own:
-        os.environ["PREFECT_API_URL"] = own
-        _serve(own, names, out)
+    url = prefect_settings.api_url()
+    with serving(out / "benchmarks", port + 1) as reports:
+        if url is not None:
+            _serve(url, reports, names, out)
+            return
+        with server(out, port) as own:
+            os.environ["PREFECT_API_URL"] = own
+            _serve(own, reports, names, out)
 
 
 @contextmanager
@@ -76,15 +79,13 @@ def _check(names: list[str]) -> None:
             raise InputError(f"{name}: expected one of {', '.join(known)}")
 
 
-def _serve(url: str, names: list[str], out: Path) -> None:
-    from prefect.settings import PREFECT_API_URL, temporary_settings
-
+def _serve(url: str, reports: str, names: list[str], out: Path) -> None:
     from flows.scheduled import DEPLOYMENTS, serve_all
 
-    sys.stdout.write(f"Prefect: {url.removesuffix('/api')} (Ctrl-C ends)\n")
+    sys.stdout.write(f"Prefect: {url.removesuffix('/api')} (Ctrl-C ends)\nReports: {reports}\n")
     for one in DEPLOYMENTS:
         if not names or str(one) in names:
             sys.stdout.write(f"  {one!s:<20} {one.cron or 'on request'}\n")
     sys.stdout.flush()
-    with temporary_settings({PREFECT_API_URL: url}):
+    with prefect_settings.using(url):
         serve_all(frozenset(names), out)

@@ -41,6 +41,7 @@ Child = subprocess.Popen[bytes] | launcher.Launched
 
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
 GRACE_SECONDS = 5.0  # between asking a late stage to end and killing it
+HEADER = "---"  # begins the line before an attempt's lines in the log
 LOG_TAIL_LINES = 3  # quoted when a process dies without saying why
 THREAD_VARIABLES = (
     "OMP_NUM_THREADS",
@@ -103,7 +104,7 @@ def run(job: StageJob) -> None:
     verdict.unlink(missing_ok=True)
     job.save(job_file)
     with job.log.open("ab") as log:
-        log.write(f"--- {time.strftime('%Y-%m-%d %H:%M:%S')} {job.title}\n".encode())
+        log.write(f"{HEADER} {time.strftime('%Y-%m-%d %H:%M:%S')} {job.title}\n".encode())
         log.flush()
         child = _start(job, job_file, log)
         if isinstance(child, int):

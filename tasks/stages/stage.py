@@ -11,19 +11,24 @@ from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from functools import lru_cache
+from importlib.metadata import version
 from pathlib import Path
+from socket import gethostname
 from typing import Any
 
 from mattgs_ops.config import RunConfig
+from mattgs_ops.errors import StageError
 from mattgs_ops.naming import slug
 from mattgs_ops.store import provenance
 from mattgs_ops.store.code_version import STAGES, TRAINERS, code_version, digest_modules
 from mattgs_ops.store.keys import stage_key
 from mattgs_ops.store.store import Finished, Slot, Store
 from tasks.stages import cores, process, quiet, travelling
+from tasks.stages.run_log import RunLog
 from tasks.stages.source_times import SourceTimes, source_times
 from tasks.stages.status import StatusFile, read
 
+PACKAGE = "mattgs-bench"
 KEY_LETTERS = 8  # of a key, in names of log files
 WORK_FOLDER = "MATTGS_WORK"  # environment variable of workers that do not see the output folder
 
@@ -71,12 +76,14 @@ class Place:
     ``out`` is the flow's folder. A worker that does not see it names its own in ``MATTGS_WORK`` and
     gets artifacts through the store of ``run.store``. ``captures`` is how many share the machine;
     where it is known, stages of one capture that can be spread take its share of the cores.
+    ``version`` is the flow's of this package: a worker that has another does nothing.
     """
 
     out: Path
     benchmark: str
     run: RunConfig = field(default_factory=RunConfig)
     captures: int | None = None
+    version: str = ""
 
     @property
     def store(self) -> Path:
@@ -158,13 +165,18 @@ def perform(place: Place, stage: Stage) -> Artifact:
     """Return the stage's artifact, made now unless the store has it.
 
     Raises what the operation raised, and :class:`StageError` when its process crashed or was
-    ended.
+    ended, or when this worker's version is not the flow's.
     """
+    if place.version not in ("", own_version()):
+        raise StageError(
+            f"{stage.title}: the worker on {gethostname()} has {PACKAGE} {own_version()}, the flow "
+            f"{place.version}; install the same version"
+        )
     status = StatusFile(place.status / f"{slug(stage.title)}.json")
     before = read(status.path)
     status.begin(stage.title, stage.name)
-    version = _code_version(stage.name, stage.modules, source_times())
-    key = stage_key(stage.name, version, stage.parameters, stage.inputs)
+    code = _code_version(stage.name, stage.modules, source_times())
+    key = stage_key(stage.name, code, stage.parameters, stage.inputs)
     try:
         with place.open_store().stage(key, resume=stage.resumes is not None) as slot:
             cached = slot.finished is not None
@@ -177,7 +189,14 @@ def perform(place: Place, stage: Stage) -> Artifact:
     else:
         status.end("cached" if cached else "done")
     seconds = float(finished.extra["seconds"])
+    how = "found in the store, it took" if cached else "done in"
+    RunLog().info(f"{stage.title}: {how} {seconds:.1f} s; {finished.folder}")
     return Artifact(stage.name, finished.key, finished.digest, seconds, cached)
+
+
+def own_version() -> str:
+    """Return the version of this package that is installed here."""
+    return version(PACKAGE)
 
 
 def _make(place: Place, stage: Stage, slot: Slot, status: StatusFile) -> Finished:
@@ -196,7 +215,9 @@ def _make(place: Place, stage: Stage, slot: Slot, status: StatusFile) -> Finishe
             key=str(slot.key),
             began=date,
         )
-        with _copied(place, stage, slot):
+        run_log = RunLog()
+        run_log.info(f"{stage.title}: begins with {threads} threads; log: {job.log}")
+        with _copied(place, stage, slot), run_log.following(job.log, job.status):
             process.run(job)
         seconds = round(time.monotonic() - began, 3)
     machine = provenance.describe(threads)

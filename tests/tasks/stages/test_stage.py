@@ -163,3 +163,12 @@ def wait_for(happened: Callable[[], bool], seconds: float = 120) -> None:
     while not happened():
         assert time.monotonic() < end, "did not happen in time"
         time.sleep(0.02)
+
+
+def test_a_worker_of_another_version_does_nothing_and_names_both(
+    place: Place, config: BenchmarkConfig, put_scene: PutScene
+) -> None:
+    scene = put_scene(place)
+    with pytest.raises(StageError, match=r"has mattgs-bench \d.*, the flow 9\.8\.7; install"):
+        train(replace(place, version="9.8.7"), CELL, scene, config)
+    assert states(place) == {}

@@ -24,6 +24,10 @@ from reports.rows.schema import Row
 from reports.tables import formats
 from reports.tables.side_tables import all_tables
 
+NO_ADDRESS = """The report is the file `{}`.
+
+No server has it, so there is no link: `mattgs serve` has reports, an MLflow server has them
+(`MLFLOW_TRACKING_URI`), and `MATTGS_REPORTS_URL` names another address of `benchmarks/`."""
 PROGRESS_SECONDS = 5.0  # between two updates of a progress bar: each is an API call
 
 
@@ -52,11 +56,22 @@ class ProgressBar:
         return f"{text}, {failed} failed" if failed else text
 
 
+def show_dashboard(name: str, address: str) -> None:
+    """Link to the dashboard of the Dask cluster that runs the stages."""
+    with _only_warned():
+        create_link_artifact(
+            address,
+            link_text="Dask dashboard",
+            key=_key("dask", name),
+            description=f"What Dask's workers do while {name} runs",
+        )
+
+
 def show_results(name: str, rows: list[Row], report: Path, address: str | None) -> None:
     """Show the tables, the reasons of failures, and where the report is.
 
-    The link leads to ``address``, a page on a server. Without one it leads to the file, which
-    browsers open from their own address line only: so its path is told in words too.
+    The link leads to ``address``, a page on a server. Without one there is no link, as browsers do
+    not follow one from a server to a file: the text names the file and says what serves it.
     """
     parts = [formats.markdown(table) for table in all_tables(rows)]
     failed = [row for row in rows if row["status"] == "failed"]
@@ -69,12 +84,17 @@ def show_results(name: str, rows: list[Row], report: Path, address: str | None) 
         create_markdown_artifact(
             "\n\n".join(parts), key=_key("tables", name), description=f"Tables of {name}"
         )
-        create_link_artifact(
-            address or report.resolve().as_uri(),
-            link_text=f"Report of {name}",
-            key=_key("report", name),
-            description=f"{len(rows)} experiments, {len(failed)} failed; {report.resolve()}",
-        )
+    key, text = _key("report", name), f"{len(rows)} experiments, {len(failed)} failed"
+    with _only_warned():
+        if address is None:
+            create_markdown_artifact(NO_ADDRESS.format(report.resolve()), key=key, description=text)
+        else:
+            create_link_artifact(
+                address,
+                link_text=f"Report of {name}",
+                key=key,
+                description=f"{text}; {report.resolve()}",
+            )
 
 
 @contextmanager
@@ -82,7 +102,7 @@ def _only_warned() -> Iterator[None]:
     try:
         yield
     except Exception as error:  # whatever the server or the way to it raise
-        logging.getLogger("mattgs").warning("Prefect's interface was not told: %s", error)
+        logging.getLogger("mattgs").warning("Prefect's interface got nothing: %s", error)
 
 
 def _key(kind: str, name: str) -> str:

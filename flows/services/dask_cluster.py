@@ -1,0 +1,220 @@
+"""The Dask cluster that stages run on: our own, or an existing scheduler that is checked first.
+
+A training takes resources of its worker (:func:`needed`). Dask lets a task wait for ever for
+resources that no worker has, and runs a task on a worker with other code without a word. Hence an
+existing scheduler's workers are looked at before anything is submitted: one of them must have the
+resources, and all of them this package in this version.
+"""
+
+import logging
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from mattgs_ops.config import RunConfig
+from mattgs_ops.errors import InputError, StageError
+from tasks.stages.stage import PACKAGE, code_versions, own_version
+
+WORKER_IMPORTS = "tasks.prefect_tasks"
+CONNECT_SECONDS = 20.0  # to a scheduler that the user named
+# What Dask calls an encrypted connection, and the files of ``--dask-certificates``
+TLS = "tls://"
+CERTIFICATES = {"ca-file": "ca.pem", "cert": "cert.pem", "key": "key.pem"}
+ROLES = ("client", "scheduler", "worker")
+
+
+@dataclass(frozen=True)
+class Cluster:
+    """A scheduler's address, and that of its dashboard where it has one."""
+
+    scheduler: str
+    dashboard: str | None
+
+
+def needed(run: RunConfig) -> dict[str, float]:
+    """Return the worker resources that one training takes.
+
+    ``train`` bounds the trainings of a worker, ``threads`` and ``memory`` (bytes) those of a
+    machine whose worker has many threads. The latter two count where they are set.
+    """
+    required: dict[str, float] = {"train": 1}
+    if run.threads > 1:
+        required["threads"] = run.threads
+    if run.memory > 0:
+        required["memory"] = run.memory
+    return required
+
+
+def worker_count(run: RunConfig) -> int:
+    """Return how many stages run at a time: as set, else no more threads than cores of ours."""
+    cores = len(os.sched_getaffinity(0))  # a batch system or a container may give fewer than all
+    return run.workers or max(1, cores // run.threads)
+
+
+@contextmanager
+def started(out: Path, run: RunConfig) -> Iterator[Cluster]:
+    """Yield a local cluster below ``out``, or the existing one of ``run.dask_scheduler``.
+
+    Raises :class:`InputError` where that one cannot be used, before anything is submitted.
+    """
+    if run.dask_scheduler is not None:
+        with _certificates(run):
+            yield _existing(run.dask_scheduler, run)
+        return
+    import dask
+    from distributed import LocalCluster
+
+    settings = {"distributed.scheduler.allowed-failures": run.retries + 2}
+    with dask.config.set(settings):
+        cluster = LocalCluster(
+            n_workers=worker_count(run),
+            threads_per_worker=1,
+            processes=True,
+            memory_limit=0,  # the work is done by subprocesses, which Dask does not see
+            dashboard_address="127.0.0.1:0",
+            local_directory=str(out / "dask"),
+            silence_logs=logging.CRITICAL,
+            preload=[WORKER_IMPORTS],  # else each worker's first stage waits for it
+            resources=needed(run),
+        )
+    try:
+        yield Cluster(cluster.scheduler_address, cluster.dashboard_link)
+    finally:
+        cluster.close(timeout=10)
+
+
+@contextmanager
+def _certificates(run: RunConfig) -> Iterator[None]:
+    """Have Dask use the certificates of ``run.dask_certificates``, else those of its configuration.
+
+    Raises :class:`InputError` naming what is missing.
+    """
+    import dask
+
+    address = str(run.dask_scheduler)
+    encrypted = address.startswith(TLS)
+    if run.dask_certificates is None:
+        missing = [name for name in CERTIFICATES if not _configured(name)]
+        if encrypted and missing:
+            raise InputError(
+                f"--dask-scheduler {address}: expected certificates, by --dask-certificates DIR "
+                f"({', '.join(CERTIFICATES.values())}) or in Dask's configuration; found none for "
+                f"{', '.join(missing)}"
+            )
+        yield
+        return
+    if not encrypted:
+        raise InputError(
+            f"--dask-certificates: goes with --dask-scheduler {TLS}HOST:PORT, found {address}"
+        )
+    files = {name: run.dask_certificates / file for name, file in CERTIFICATES.items()}
+    for path in files.values():
+        if not path.is_file():
+            raise InputError(f"--dask-certificates: expected the file {path}, found none")
+    with dask.config.set(
+        {"distributed.comm.tls.ca-file": str(files["ca-file"])}
+        | {
+            f"distributed.comm.tls.{role}.{name}": str(files[name])
+            for role in ROLES
+            for name in ("cert", "key")
+        }
+    ):
+        yield
+
+
+def _configured(name: str) -> object:
+    import dask
+
+    where = "ca-file" if name == "ca-file" else f"client.{name}"
+    return dask.config.get(f"distributed.comm.tls.{where}", default=None)
+
+
+def _existing(address: str, run: RunConfig) -> Cluster:
+    """Connect to a scheduler, check its workers, return where it is."""
+    from distributed import Client
+
+    try:
+        with Client(address, timeout=CONNECT_SECONDS, set_as_default=False) as client:
+            workers = client.scheduler_info(n_workers=-1)["workers"]
+            if not workers:
+                raise StageError(
+                    f"--dask-scheduler {address}: the scheduler has no workers; start some: "
+                    f"{_command(address, run)}"
+                )
+            _check_resources(address, run, workers)
+            _check_versions(address, client)
+            return Cluster(address, _dashboard(client))
+    except (OSError, TimeoutError, ValueError) as error:
+        raise InputError(f"--dask-scheduler {address}: no scheduler answers: {error}") from error
+
+
+def _check_resources(address: str, run: RunConfig, workers: Mapping[str, Any]) -> None:
+    """Raise :class:`InputError` unless a worker has what a training takes."""
+    required = needed(run)
+    offers = [worker.get("resources", {}) for worker in workers.values()]
+    if any(all(offer.get(name, 0) >= required[name] for name in required) for offer in offers):
+        return
+    offered = sorted({_written(offer) or "none" for offer in offers})
+    raise InputError(
+        f"--dask-scheduler {address}: expected a worker with the resources {_written(required)}, "
+        f"which one training takes; found {len(offers)} workers with {'; '.join(offered)}. "
+        f"Start workers with: {_command(address, run)}"
+    )
+
+
+def _command(address: str, run: RunConfig) -> str:
+    resources = _written(needed(run)).replace(", ", " ")
+    files = " ".join(f"--tls-{name} {file}" for name, file in CERTIFICATES.items())
+    tls = f"{files} " if address.startswith(TLS) else ""
+    return f'dask worker {address} {tls}--nthreads 1 --resources "{resources}"'
+
+
+def _written(resources: Mapping[str, float]) -> str:
+    return ", ".join(f"{name}={value:g}" for name, value in sorted(resources.items()))
+
+
+def _check_versions(address: str, client: Any) -> None:
+    """Raise :class:`InputError` for the first worker that has not this package in this version.
+
+    The first function that a worker runs must be there where the package is not.
+    """
+    own = own_version()
+    versions = client.run(version, PACKAGE, on_error="return")
+    for worker, answer in sorted(versions.items()):
+        if isinstance(answer, PackageNotFoundError):
+            raise InputError(
+                f"--dask-scheduler {address}: the worker {worker} has no {PACKAGE}; this flow has "
+                f"{own}. Install that version there"
+            )
+        if answer != own:
+            raise InputError(
+                f"--dask-scheduler {address}: the worker {worker} has {PACKAGE} {answer}, this "
+                f"flow {own}. Install the same version"
+            )
+    codes = code_versions()
+    for worker, answer in sorted(client.run(code_versions, on_error="return").items()):
+        if isinstance(answer, Exception):
+            raise InputError(
+                f"--dask-scheduler {address}: the worker {worker} cannot load {PACKAGE} {own}: "
+                f"{type(answer).__name__}: {answer}"
+            )
+        other = [stage for stage in codes if answer.get(stage) != codes[stage]]
+        if other:
+            stage = other[0]
+            raise InputError(
+                f"--dask-scheduler {address}: the worker {worker} has {PACKAGE} {own} with other "
+                f"code than this flow: {stage} {str(answer.get(stage))[:12]}, here "
+                f"{codes[stage][:12]}. Install the same commit"
+            )
+
+
+def _dashboard(client: Any) -> str | None:
+    """Return the address of the scheduler's dashboard, None where it has none."""
+    if "dashboard" not in client.scheduler_info()["services"]:
+        return None
+    link: str = client.dashboard_link
+    return link

@@ -1,0 +1,60 @@
+"""Which Prefect API is used, as Prefect itself resolves it.
+
+Prefect reads, in this order: variables, ``.env`` and ``prefect.toml`` or ``pyproject.toml`` in the
+current folder, and the active profile (``prefect profile use``, ``prefect cloud login``). A server
+of our own is started only where none of these names an API.
+"""
+
+import os
+import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+HOME = Path(".prefect")  # below the user's home, Prefect's default
+
+
+def configured() -> bool:
+    """Whether the user has configured Prefect, in whatever way; imports nothing."""
+    if any(key in os.environ for key in ("PREFECT_HOME", "PREFECT_PROFILES_PATH")):
+        return True
+    if (Path.home() / HOME / "profiles.toml").is_file() or Path("prefect.toml").is_file():
+        return True
+    with suppress(OSError, tomllib.TOMLDecodeError, UnicodeDecodeError):
+        if "prefect" in tomllib.loads(Path("pyproject.toml").read_text("utf-8")).get("tool", {}):
+            return True
+    with suppress(OSError, UnicodeDecodeError):
+        return "PREFECT_" in Path(".env").read_text(encoding="utf-8")
+    return False
+
+
+def use_own_home(out: Path) -> None:
+    """Keep Prefect's files below ``out`` unless the user has configured Prefect.
+
+    Call before Prefect is imported.
+    """
+    if not configured():
+        home = out / "prefect" / "client"
+        home.mkdir(parents=True, exist_ok=True)  # Prefect warns where its parent is missing
+        os.environ["PREFECT_HOME"] = str(home)
+
+
+def api_url() -> str | None:
+    """Return the API's address, None where none is configured."""
+    from prefect.settings import PREFECT_API_URL
+
+    # a variable that was set after Prefect was imported counts too
+    return os.environ.get("PREFECT_API_URL") or PREFECT_API_URL.value()
+
+
+@contextmanager
+def using(api: str, *, logs: bool = True) -> Iterator[None]:
+    """Use the API of this address in this process; without ``logs`` runs send it none."""
+    from prefect.settings import PREFECT_API_URL, PREFECT_LOGGING_TO_API_ENABLED, temporary_settings
+
+    updates: dict[Any, Any] = {PREFECT_API_URL: api}
+    if not logs:
+        updates[PREFECT_LOGGING_TO_API_ENABLED] = False
+    with temporary_settings(updates):
+        yield

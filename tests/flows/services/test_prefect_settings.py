@@ -1,0 +1,81 @@
+"""The Prefect API is the one that Prefect itself would use; the home is the user's or our own."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from flows.services.prefect_settings import configured
+
+PROFILE = 'active = "lab"\n[profiles.lab]\nPREFECT_API_URL = "http://profile/api"\n'
+LOOK = """
+import os, sys
+from pathlib import Path
+from flows.services import embedded, prefect_settings
+embedded.quieten(Path(sys.argv[1]))
+from prefect.settings import get_current_settings
+print(prefect_settings.api_url(), get_current_settings().home)
+"""
+
+
+def look(folder: Path, **variables: str) -> list[str]:
+    """Return the API and the home that a fresh process finds, started in ``folder``."""
+    kept = {key: value for key, value in os.environ.items() if not key.startswith("PREFECT_")}
+    paths = {"HOME": str(folder), "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    done = subprocess.run(
+        [sys.executable, "-c", LOOK, str(folder / "out")],
+        env=kept | paths | variables,
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
+    )
+    return done.stdout.split()
+
+
+def write(folder: Path, name: str, text: str) -> None:
+    (folder / name).parent.mkdir(parents=True, exist_ok=True)
+    (folder / name).write_text(text)
+
+
+def test_a_profile_names_the_api_and_keeps_its_home(tmp_path: Path) -> None:
+    write(tmp_path, ".prefect/profiles.toml", PROFILE)
+    assert look(tmp_path) == ["http://profile/api", str(tmp_path / ".prefect")]
+
+
+def test_a_file_of_variables_comes_before_the_profile_and_a_variable_before_both(
+    tmp_path: Path,
+) -> None:
+    write(tmp_path, ".prefect/profiles.toml", PROFILE)
+    write(tmp_path, ".env", "PREFECT_API_URL=http://file/api\n")
+    assert look(tmp_path)[0] == "http://file/api"
+    assert look(tmp_path, PREFECT_API_URL="http://variable/api")[0] == "http://variable/api"
+
+
+def test_where_nothing_is_configured_there_is_no_api_and_the_home_is_ours(tmp_path: Path) -> None:
+    assert look(tmp_path) == ["None", str(tmp_path / "out" / "prefect" / "client")]
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "expected"),
+    [
+        (".prefect/profiles.toml", "", True),
+        (".env", "PREFECT_LOGGING_LEVEL=DEBUG\n", True),
+        (".env", "OTHER=1\n", False),
+        ("prefect.toml", "", True),
+        ("pyproject.toml", "[tool.prefect]\n", True),
+        ("pyproject.toml", "[tool.ruff]\n", False),
+    ],
+)
+def test_every_place_that_prefect_reads_counts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, file: str, text: str, expected: bool
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    for key in ("PREFECT_HOME", "PREFECT_PROFILES_PATH"):
+        monkeypatch.delenv(key, raising=False)
+    write(tmp_path, file, text)
+    assert configured() is expected

@@ -39,10 +39,10 @@ def judge(
     wrong = run_record.problem(out / "benchmarks" / benchmark, run)
     if wrong:
         return f"Gate: failed runs. {benchmark}: {wrong}", Exit.FAILED_RUNS
-    known = find_baseline(out, benchmark, against)
+    reference = find_baseline(out, benchmark, against)
     rows = recorded(out, benchmark)
-    report = compare(rows, known.rows, noise=known.noise, doubt=doubt)
-    seen = sensitivity(known.rows, known.noise)
+    report = compare(rows, reference.rows, noise=reference.noise, doubt=doubt)
+    seen = sensitivity(reference.rows, reference.noise)
     blind = must_see and not seen.sees and report.exit_code == Exit.PASS
     code = Exit.CANNOT_JUDGE if blind else report.exit_code
     report = replace(report, planted=seen, exit_code=code)
@@ -50,7 +50,7 @@ def judge(
     for old in folder.glob("gate-*.png"):
         old.unlink()
     store = out / "store"
-    shown = pictures.draw(report, rows, store, folder, baseline=known.rows, baseline_root=store)
+    shown = pictures.draw(report, rows, store, folder, baseline=reference.rows, baseline_root=store)
     output.write(report, folder, shown)
     return f"{output.terminal(report)}\nGate: {folder}", report.exit_code
 

@@ -1,7 +1,7 @@
 """Which run of a benchmark wrote its rows: begun, ended or broken off, in one small file.
 
-``benchmarks/NAME/run.json`` belongs to the newest run. Whoever judges rows asks :func:`problem`
-first: a run that broke off leaves the rows of the one before, and these say nothing of it.
+``benchmarks/NAME/run.json`` belongs to the newest run. Call :func:`problem` before
+judging rows: a run that broke off leaves the rows of the one before, which say nothing of it.
 """
 
 import json
@@ -71,7 +71,7 @@ def read(folder: Path) -> RunRecord | None:
 def problem(folder: Path, run: str | None = None) -> str:
     """Say why the rows in ``folder`` are not those of a run that ended; empty where they are.
 
-    With ``run`` they must be of that very run; without, rows that no record speaks of will do.
+    With ``run`` they must be of that very run; without, rows without a record are accepted.
     """
     record = read(folder)
     if record is None:

@@ -1,11 +1,11 @@
 """Measure speed, alone on its machine (``mattgs_ops/score/evaluate.py``).
 
 All experiments of a capture are measured in one process, one after another, by a worker: speed is
-that of the machine where stages run. The flow asks for this when no other stage of the benchmark
+that of the machine where stages run. The flow submits this when no other stage of the benchmark
 runs any more, and ``tasks/stages/quiet.py`` keeps the stages of other benchmarks on this machine
 away. What was measured is kept for this machine and number of threads. ``RunConfig.sitting``
-(``--remeasure``) asks for it anew: rendering, and trainings that were not done just now, which must
-come to the same splats again.
+(``--remeasure``) measures anew: rendering, and trainings that were not done just now, which must
+end with the same splats.
 """
 
 import json

@@ -195,7 +195,7 @@ def _trainer(place: Place, trained: Artifact | None) -> dict[str, Any]:
 
 
 def config_digest(config: BenchmarkConfig, cell: Cell) -> str:
-    """Return SHA-256 of what the user asked for: all that differs from the defaults.
+    """Return SHA-256 of the user's settings: all that differs from the defaults.
 
     Defaults are code, and ``code_version`` covers them: so a new setting changes no digest, and a
     wrong default is judged by what it does to the scores instead of being called another

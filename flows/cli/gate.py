@@ -97,7 +97,7 @@ def _judged(
     doubt: Doubt,
     must_see: bool,
 ) -> tuple[str, int]:
-    """Run the benchmark where asked, and judge it; whatever breaks on the way judged nothing."""
+    """Run the benchmark if requested, and judge it; after an error nothing was judged."""
     from flows import gate as judge
     from reports.gate.findings import Exit
 

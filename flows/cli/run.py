@@ -75,8 +75,8 @@ def _plan(place: Place, config: BenchmarkConfig) -> int:
 def _prepare_all(place: Place, config: BenchmarkConfig) -> None:
     """Prepare every capture; raises one :class:`InputError` when none can be used.
 
-    One that cannot, among others, is told at once too, as a stage that failed; the flow makes rows
-    of it that say why.
+    One that cannot, among others, is printed at once as a failed stage; the flow makes rows that
+    say why.
     """
     problems = []
     for capture in config.captures:

@@ -100,14 +100,14 @@ def bar(title: str) -> Iterator[Report]:
 
 
 class _News:
-    """Remembers which ends were told already."""
+    """Remembers which ends were printed already."""
 
     def __init__(self) -> None:
-        self._told: set[str] = set()
+        self._printed: set[str] = set()
 
     def of(self, stages: list[Status]) -> list[Status]:
-        ended = [s for s in stages if s.state in MARKS and s.title not in self._told]
-        self._told |= {s.title for s in ended}
+        ended = [s for s in stages if s.state in MARKS and s.title not in self._printed]
+        self._printed |= {s.title for s in ended}
         return sorted(ended, key=lambda s: s.updated)
 
 

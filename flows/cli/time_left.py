@@ -70,7 +70,7 @@ def _left(one: Status, usual: float, now: float) -> float:
 
 
 def _by_its_pace(one: Status, now: float) -> float | None:
-    """Return what a running stage will have taken, None as long as that cannot be told."""
+    """Return what a running stage will have taken, None as long as nothing says."""
     if one.state != "running" or not one.total or one.done / one.total < FEWEST_SHARE:
         return None
     return (now - one.started) * one.total / one.done

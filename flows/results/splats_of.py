@@ -1,4 +1,4 @@
-"""The splats that a command is asked for: a run's, from the registry, or a PLY file's."""
+"""The splats that a command names: a run's, from the registry, or a PLY file's."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -50,7 +50,7 @@ def server(out: Path, port: int) -> Iterator[str]:
         raise InputError(f"--port {port}: a server is there already; PREFECT_API_URL={url} uses it")
     command = [sys.executable, "-m", "prefect", "server", "start"]
     command += ["--host", "127.0.0.1", "--port", str(port)]
-    # the interface asks where it came from: any port, and another address when it is forwarded
+    # the interface calls the API at its own address: any port, also a forwarded one
     environment = os.environ | {"PREFECT_HOME": str(home), "PREFECT_UI_API_URL": "/api"}
     with log.open("ab") as output:
         process = subprocess.Popen(command, stdout=output, stderr=output, env=environment)
@@ -73,10 +73,10 @@ def _wait(process: "subprocess.Popen[bytes]", url: str, log: Path) -> None:
 def _check(names: list[str]) -> None:
     from flows.scheduled import DEPLOYMENTS
 
-    known = [str(one) for one in DEPLOYMENTS]
+    deployments = [str(one) for one in DEPLOYMENTS]
     for name in names:
-        if name not in known:
-            raise InputError(f"{name}: expected one of {', '.join(known)}")
+        if name not in deployments:
+            raise InputError(f"{name}: expected one of {', '.join(deployments)}")
 
 
 def _serve(url: str, reports: str, names: list[str], out: Path) -> None:

@@ -36,20 +36,20 @@ def taken(least: int, most: int) -> Iterator[int]:
 def _take(held: ExitStack, names: list[str], needed: int, most: int) -> int:
     """Lock free cores, up to ``most``, or none where fewer than ``needed`` are; return how many."""
     # one chooses at a time: two that hold half of what they need would wait for each other
-    with locked("cores", fcntl.LOCK_EX), ExitStack() as found:
+    with locked("cores", fcntl.LOCK_EX), ExitStack() as locks:
         count = 0
         for name in names:
             if count < most:
-                count += _try(found, name)
+                count += _try(locks, name)
         if count < needed:
             return 0
-        held.push(found.pop_all())
+        held.push(locks.pop_all())
         return count
 
 
-def _try(found: ExitStack, name: str) -> bool:
+def _try(locks: ExitStack, name: str) -> bool:
     try:
-        found.enter_context(locked(name, fcntl.LOCK_EX | fcntl.LOCK_NB))
+        locks.enter_context(locked(name, fcntl.LOCK_EX | fcntl.LOCK_NB))
     except BlockingIOError:
         return False
     return True

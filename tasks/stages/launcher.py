@@ -120,10 +120,10 @@ def launch(
 
     ``environment`` is that of a launcher that has to be started.
     """
-    known: Launcher | None = getattr(_OF_THREAD, "launcher", None)
-    if known is None or not known.fresh(source_times()):
-        known = _OF_THREAD.launcher = Launcher(environment, log)
-    return known.start(request)
+    running: Launcher | None = getattr(_OF_THREAD, "launcher", None)
+    if running is None or not running.fresh(source_times()):
+        running = _OF_THREAD.launcher = Launcher(environment, log)
+    return running.start(request)
 
 
 def serve(answers: IO[str]) -> None:
@@ -142,7 +142,7 @@ def serve(answers: IO[str]) -> None:
 
 
 def _import(modules: Sequence[str]) -> None:
-    """Import what the stage will need; what fails here fails again there, where it is told."""
+    """Import what the stage will need; what fails here fails again there, with a message."""
     for name in modules:
         with suppress(Exception):
             importlib.import_module(name)

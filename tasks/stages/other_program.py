@@ -31,13 +31,13 @@ def train(
         "seed": cell.seed,
     }
     # neither where it lies nor how long it may take changes what comes out
-    asked = trainer.model_dump(mode="json", exclude={"folder", "timeout", "version", "progress"})
+    options = trainer.model_dump(mode="json", exclude={"folder", "timeout", "version", "progress"})
     stage = Stage(
         name="train",
         title=title,
         operation="mattgs_ops.trainers.train:operate",
         imports=("mattgs_ops.trainers.train",),
-        parameters=how | {"trainer": asked, "limit": limit},
+        parameters=how | {"trainer": options, "limit": limit},
         inputs={"scene": scene.digest},
         arguments=how
         | {

@@ -1,4 +1,4 @@
-"""When the code was last touched: tells whether what a process has imported is still there."""
+"""When the code was last changed: says whether what a process has imported is still there."""
 
 from pathlib import Path
 

@@ -84,16 +84,16 @@ class StatusFile:
         self, title: str, stage: str, state: State, seconds: float, note: str = ""
     ) -> None:
         """State how a stage ended on a machine whose status files are not seen here."""
-        known = read(self.path)
-        if known is None or known.state == "waiting":
+        before = read(self.path)
+        if before is None or before.state == "waiting":
             now = time.time()
             self._write(Status(title, stage, state, 0, 0, note, now - seconds, now))
 
     def warn(self, note: str) -> None:
         """Leave a sentence with a stage that has ended well."""
-        known = read(self.path)
-        if known is not None and known.state in ("done", "cached"):
-            self._write(replace(known, note=note))
+        before = read(self.path)
+        if before is not None and before.state in ("done", "cached"):
+            self._write(replace(before, note=note))
 
     def restore(self, status: Status) -> None:
         """Put back what was there before."""
@@ -109,8 +109,8 @@ class StatusFile:
 def read(path: Path) -> Status | None:
     """Return one stage's status; None when there is none (yet)."""
     try:
-        found = path.stat()
-        status = _parsed(path, found.st_mtime_ns, found.st_ino)
+        file = path.stat()
+        status = _parsed(path, file.st_mtime_ns, file.st_ino)
     except FileNotFoundError:
         return None
     here = status.machine == gethostname()
@@ -121,7 +121,7 @@ def read(path: Path) -> Status | None:
 
 @lru_cache(maxsize=8192)
 def _parsed(path: Path, changed: int, node: int) -> Status:
-    """Read a file once; whoever watches a grid asks for all of them twice a second."""
+    """Read a file once; the terminal reads all of a grid's twice a second."""
     del changed, node
     return Status(**json.loads(path.read_text(encoding="utf-8")))
 
@@ -138,6 +138,6 @@ def _alive(process: int) -> bool:
 
 def read_all(folder: Path) -> list[Status]:
     """Return the status of every stage below ``folder``: in order of start, waiting ones last."""
-    found = [read(path) for path in sorted(folder.glob("*.json"))]
-    known = (status for status in found if status is not None)
-    return sorted(known, key=lambda s: (s.state == "waiting", s.started, s.title))
+    read_files = [read(path) for path in sorted(folder.glob("*.json"))]
+    stages = (status for status in read_files if status is not None)
+    return sorted(stages, key=lambda s: (s.state == "waiting", s.started, s.title))

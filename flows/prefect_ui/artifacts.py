@@ -23,6 +23,7 @@ from mattgs_ops.progress import Throttle
 from reports.rows.schema import Row
 from reports.tables import formats
 from reports.tables.side_tables import all_tables
+from tasks.stages.stage import Cell
 
 NO_ADDRESS = """The report is the file `{}`.
 
@@ -76,9 +77,7 @@ def show_results(name: str, rows: list[Row], report: Path, address: str | None) 
     parts = [formats.markdown(table) for table in all_tables(rows)]
     failed = [row for row in rows if row["status"] == "failed"]
     if failed:
-        lines = [
-            f"- {r['capture']} {r['condition']} seed {r['seed']}: {r['reason']}" for r in failed
-        ]
+        lines = [f"- {Cell.of(r)}: {r['reason']}" for r in failed]
         parts.append("\n".join(["**Failed**", "", *lines]))
     with _only_warned():
         create_markdown_artifact(

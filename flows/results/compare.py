@@ -10,6 +10,7 @@ from mattgs_ops.errors import InputError
 from mattgs_ops.naming import checked_row, slug
 from tasks.registry import lookup, summary
 from tasks.registry.content import values
+from tasks.stages.stage import Cell
 
 STORE = "store"  # in an output folder, beside `benchmarks/NAME/rows.json`
 LEVELS = 2  # from a benchmark's folder up to the output folder
@@ -62,7 +63,7 @@ def _row_of(file: Path, name: str) -> dict[str, Any]:
     from reports.rows.schema import read_rows
 
     rows = read_rows(file)
-    named = {f"{row['capture']} {row['condition']} seed {row['seed']}": row for row in rows}
+    named = {str(Cell.of(row)): row for row in rows}
     if not name and len(rows) == 1:
         return rows[0]
     if name not in named:

@@ -15,7 +15,7 @@ from mattgs_ops.config_file import load_toml
 from mattgs_ops.errors import InputError
 from reports.page.build import build
 from reports.rows.merge import Part, merge
-from reports.rows.schema import Row, capture_name, condition_name, read_rows
+from reports.rows.schema import Row, capture_name, condition_name, limited, read_rows
 from reports.tables import paper
 from tasks.row import config_digest
 from tasks.stages.stage import Cell
@@ -76,7 +76,7 @@ def missing_of(rows: Sequence[Row], config: BenchmarkConfig, source: str) -> lis
     expected = list(_expected(config))
     known = set()
     for row in rows:
-        cell = Cell(row["capture"], row["condition"], int(row["seed"]))
+        cell = Cell.of(row)
         size = f"{row['iterations']}x{row['resolution']}"
         if cell not in expected or size != f"{config.iterations}x{config.resolution}":
             raise InputError(f"{source}: its grid has no {cell} at {size}, which the rows have")
@@ -104,20 +104,20 @@ def _missing_told(missing: Sequence[Cell], planned: int) -> list[str]:
     for cell in missing:
         captures.setdefault(cell.capture, []).append(cell)
     sentences = [f"{len(missing)} of the grid's {planned} experiments are missing."]
-    for name, rows_of_capture in captures.items():
+    for capture, rows_of_capture in captures.items():
         seeds: dict[str, list[int]] = {}
         for cell in rows_of_capture:
-            seeds.setdefault(cell.condition, []).append(cell.seed)
+            name = limited(condition_name(*cell.condition.split("-", 1)), cell.budget or 0)
+            seeds.setdefault(name, []).append(cell.seed)
         alike: dict[tuple[int, ...], list[str]] = {}
-        for condition, own in seeds.items():
-            printed = condition_name(*condition.split("-", 1))
+        for printed, own in seeds.items():
             alike.setdefault(tuple(own), []).append(printed)
         texts = [
             f"{', '.join(names)} ({'seed' if len(own) == 1 else 'seeds'} "
             f"{', '.join(map(str, own))})"
             for own, names in alike.items()
         ]
-        sentences.append(f"Not run yet, {capture_name(name)}: {'; '.join(texts)}.")
+        sentences.append(f"Not run yet, {capture_name(capture)}: {'; '.join(texts)}.")
     return sentences
 
 

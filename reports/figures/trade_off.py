@@ -25,6 +25,7 @@ from reports.rows.schema import Cell, Row, capture_name, captures, cells, condit
 from reports.tables.notes import where_timed
 from reports.tables.origins import machine_of, measured_on, shared_machine
 
+SLUG = "figure-trade-off"
 MARKS = {"original": "o^D", "nobg": "svP"}  # the next where methods outnumber the colours
 INCOMPARABLE = "Times are of different machines and do not compare between them."
 
@@ -91,7 +92,7 @@ def _trade_off(
         + f"{label} on held-out views against file size and training time: up and to the left is "
         f"better. Lines join the methods on one background.{machines}{sheet}"
     )
-    return save(figure, folder, f"figure-trade-off{slug}", caption)
+    return save(figure, folder, f"{SLUG}{slug}", caption)
 
 
 def _scatter(

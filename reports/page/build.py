@@ -9,16 +9,19 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from reports.figures import budgets as budget_figures
 from reports.figures import mask_sheets, photos, pictures, plots, trade_off
 from reports.figures.pictures import Gallery
 from reports.figures.plots import Saved
 from reports.page import page
+from reports.rows.budgets import largest
 from reports.rows.doubts import warnings
 from reports.rows.schema import Row, captures, cells, problems, refused
 from reports.tables import formats, latex, origins, paper, promoted, verdict
 from reports.tables.formats import Table
-from reports.tables.side_tables import all_tables
+from reports.tables.side_tables import BUDGETS, all_tables
 
+LARGEST = "Verdicts, pictures and training curves are those of each condition's largest budget."
 FORMATS = {"md": formats.markdown, "tex": latex.latex, "csv": formats.csv}
 
 
@@ -56,12 +59,17 @@ def build(
     for table in tables:
         for suffix, form in FORMATS.items():
             _write(out / "tables" / f"{table.slug}.{suffix}", form(table))
-    found = [pictures.gallery(name, all_cells, artifacts_root) for name in captures(good)]
-    drawn = _draw(ordered, found, artifacts_root, out / "figures")
-    overall = verdict.overall(good)
-    judged = [*([] if overall is None else [overall]), *verdict.verdicts(good)]
+    one_each = largest(good)  # pictures and verdicts are of the largest budgets
+    found = [pictures.gallery(name, cells(one_each), artifacts_root) for name in captures(good)]
+    with plots.style():
+        first = budget_figures.budget_curves(ordered, out / "figures")
+    drawn = _draw(one_each, found, artifacts_root, out / "figures")
+    if first:  # curves say more than their largest budgets' points
+        drawn = [one for one in drawn if not one.slug.startswith(trade_off.SLUG)]
+    overall = verdict.overall(one_each)
+    judged = [*([] if overall is None else [overall]), *verdict.verdicts(one_each)]
     line = verdict.summary_line(good, planned)
-    notes = [*notes, *origins.notes(good)]
+    notes = [*notes, *([LARGEST] if first else []), *origins.notes(good)]
     warned = warnings(good)
     html = page.render(
         title=title,
@@ -70,6 +78,7 @@ def build(
         verdicts=judged,
         tables=tables,
         figures=drawn,
+        first=first,
         galleries=found,
         root=artifacts_root,
         problems=wrong,
@@ -77,7 +86,7 @@ def build(
         warnings=warned,
     )
     missing = [*wrong, *pictures.missing_pictures(found)]
-    words = _markdown(title, line, warned, judged, notes, tables, drawn, missing, out)
+    words = _markdown(title, line, warned, judged, notes, tables, first, drawn, missing, out)
     _write(out / "report.md", words)
     path = out / "report.html"
     _write(path, html)
@@ -105,6 +114,7 @@ def _markdown(
     judged: Sequence[verdict.Verdict],
     notes: Sequence[str],
     tables: Sequence[Table],
+    first: Sequence[Saved],
     drawn: Sequence[Saved],
     missing: Sequence[str],
     out: Path,
@@ -112,6 +122,10 @@ def _markdown(
     parts = [f"# {title}", "", line, ""]
     if warned:
         parts += ["## Warnings", "", *(f"- **{text}**" for text in warned), ""]
+    if first:
+        parts += ["## What a budget buys", "", *_pictures(first, out)]
+        parts += [formats.markdown(table) for table in tables if table.slug == BUDGETS]
+        tables = [table for table in tables if table.slug != BUDGETS]
     parts += ["## Verdict", ""]
     for one in judged:
         parts.append(f"- **{one.headline}**")
@@ -121,13 +135,18 @@ def _markdown(
     parts += ["", "## Tables", ""]
     parts += [formats.markdown(table) for table in tables]
     if drawn:
-        parts += ["## Figures", ""]
-        for figure in drawn:
-            link = figure.png.relative_to(out).as_posix()
-            parts += [f"![{figure.caption}]({link})", "", f"*{figure.caption}*", ""]
+        parts += ["## Figures", "", *_pictures(drawn, out)]
     if missing:
         parts += ["## Not shown", "", *(f"- {text}" for text in missing), ""]
     return "\n".join(parts).rstrip() + "\n"
+
+
+def _pictures(drawn: Sequence[Saved], out: Path) -> list[str]:
+    parts = []
+    for figure in drawn:
+        link = figure.png.relative_to(out).as_posix()
+        parts += [f"![{figure.caption}]({link})", "", f"*{figure.caption}*", ""]
+    return parts
 
 
 def _write(path: Path, text: str) -> None:

@@ -23,6 +23,7 @@ from reports.page import splat_view
 from reports.rows.schema import background_name, capture_name, condition_name
 from reports.tables import formats
 from reports.tables.formats import Table
+from reports.tables.side_tables import BUDGETS
 from reports.tables.verdict import Verdict
 
 TEMPLATES = Path(__file__).with_name("templates")
@@ -51,13 +52,14 @@ def render(
     verdicts: Sequence[Verdict],
     tables: Sequence[Table],
     figures: Sequence[Saved],
+    first: Sequence[Saved] = (),
     galleries: Sequence[Gallery],
     root: Path | None,
     problems: Sequence[str],
     notes: Sequence[str] = (),
     warnings: Sequence[str] = (),
 ) -> str:
-    """Return the page's HTML."""
+    """Return the page's HTML; ``first`` are figures that stand before all else."""
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(TEMPLATES),
         autoescape=True,
@@ -78,13 +80,16 @@ def render(
     captures = [_capture(found, root, views, pixels, most) for found in galleries]
     captures = [capture for capture in captures if capture["views"] or capture["models"]]
     shown, share = _figures(figures)
+    ahead, _ = _figures(first)
     return environment.get_template("report.html.j2").render(
         title=title,
         summary=summary,
         facts=facts,
         verdicts=verdicts,
         folded=sum(bool(verdict.capture) for verdict in verdicts) > OPEN_VERDICTS,
-        tables=[formats.html(table) for table in tables if table.slug != RUNS],
+        tables=[formats.html(table) for table in tables if table.slug not in (RUNS, BUDGETS)],
+        first=ahead,
+        budgets=[formats.html(table) for table in tables if table.slug == BUDGETS],
         runs=[formats.html(table) for table in tables if table.slug == RUNS],
         figures=shown,
         shrunk="" if share == 1 else f"{share * 100:.0f} %",

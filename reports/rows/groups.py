@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from reports.rows.schema import Cell, Row, capture_name, condition_name
+from reports.rows.schema import Cell, Row, capture_name, condition_name, limited, method_name
 
 
 def finished_of(selected: Sequence[Cell]) -> list[Row]:
@@ -28,4 +28,9 @@ def by_background(selected: Sequence[Cell]) -> list[tuple[str, list[Cell]]]:
 
 def condition_of(cell: Cell) -> str:
     """Return a cell's condition as printed."""
-    return condition_name(cell.key.background, cell.key.method)
+    return limited(condition_name(cell.key.background, cell.key.method), cell.key.budget)
+
+
+def method_of(cell: Cell) -> str:
+    """Return a cell's method as printed."""
+    return limited(method_name(cell.key.method), cell.key.budget)

@@ -59,6 +59,7 @@ class CellKey:
     method: str
     iterations: int
     resolution: int
+    budget: int = 0  # most splats that it may have, where the benchmark has budgets
 
     @property
     def condition(self) -> str:
@@ -66,7 +67,8 @@ class CellKey:
         return f"{self.background}-{self.method}"
 
     def __str__(self) -> str:
-        return f"{self.capture}/{self.condition}@{self.iterations}x{self.resolution}"
+        limit = f"x{self.budget}" if self.budget else ""
+        return f"{self.capture}/{self.condition}@{self.iterations}x{self.resolution}{limit}"
 
 
 @dataclass(frozen=True)
@@ -189,6 +191,7 @@ def key_of(row: Mapping[str, Any]) -> CellKey:
         row["method"],
         int(row["iterations"]),
         int(row["resolution"]),
+        int(row.get("budget") or 0),
     )
 
 
@@ -234,6 +237,7 @@ def order(key: CellKey) -> tuple[Any, ...]:
         key.resolution,
         _place(key.background, BACKGROUNDS),
         _place(key.method, METHOD_ORDER),
+        key.budget,
     )
 
 
@@ -264,6 +268,11 @@ def background_name(name: str) -> str:
 def condition_name(background: str, method: str) -> str:
     """How a condition is printed, for example ``No BG · Ours``."""
     return f"{background_name(background)} · {method_name(method)}"
+
+
+def limited(name: str, budget: int) -> str:
+    """Add a limit on splats to a printed name: ``3DGS ≤ 5,000``."""
+    return f"{name} ≤ {budget:,}" if budget else name
 
 
 def held_out_views(row: Mapping[str, Any]) -> list[Mapping[str, Any]]:

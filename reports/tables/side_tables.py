@@ -1,16 +1,24 @@
 """Tables that the paper does not print: what the methods were given, what it cost, which runs."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
-from reports.rows import columns
+from reports.rows import budgets, columns
 from reports.rows.columns import Column
 from reports.rows.groups import by_capture, condition_of, finished_of
-from reports.rows.schema import Row, background_name, capture_name, cells, refused
+from reports.rows.schema import (
+    BACKGROUNDS,
+    Row,
+    background_name,
+    capture_name,
+    cells,
+    method_name,
+    refused,
+)
 from reports.tables import paper
 from reports.tables.differences import difference_tables
 from reports.tables.formats import Entry, Group, Line, Table
-from reports.tables.origins import origin_of, origins, origins_table
+from reports.tables.origins import machine_of, origin_of, origins, origins_table
 from reports.tables.tables import (
     HOLE,
     capture_tables,
@@ -21,6 +29,15 @@ from reports.tables.tables import (
     training_table,
 )
 
+BJONTEGAARD = (
+    "Bjøntegaard's differences over the budgets: at equal PSNR how much larger a file, or how much "
+    "longer a training, is than 3DGS's; at equal size how much higher the PSNR of held-out views; "
+    "means over what both curves span, of points that bring more PSNR than all cheaper ones; of a "
+    "method that takes no budget the distance of its one point from 3DGS's curve. In "
+    "brackets 95 % intervals over captures, bold where they exclude zero. – where the curves have "
+    "less than a quarter of their span in common."
+)
+BUDGETS = "table-budgets"  # of methods at equal sizes: a report that has it begins with it
 DIGEST = 12  # letters of a digest that tell two apart
 STAGES = {
     "prepare": "Prepare",
@@ -30,6 +47,66 @@ STAGES = {
     "train": "Train",
     "evaluate": "Evaluate",
 }
+
+
+def budget_table(rows: Sequence[Row]) -> Table | None:
+    """Say what methods gain over 3DGS at equal size and time; None where none has budgets."""
+    if not budgets.has_budgets(rows):
+        return None
+    one_machine = len({machine_of(row) for row in rows if row["status"] == "finished"}) == 1
+    shown: list[tuple[str, str, str]] = []  # cost, metric, heading
+    for metric, part in budgets.parts(rows).items():
+        shown.append(("size_mb", metric, f"Size at equal PSNR, {part}"))
+        shown.append(("size_mb", metric, f"PSNR at equal size, {part}"))
+        if one_machine and len(shown) == 2:
+            shown.append(("time", metric, f"Time at equal PSNR, {part}"))
+    gaps = [budgets.gaps(rows, cost, metric) for cost, metric, _ in shown]
+    places = dict.fromkeys(place for found in gaps for place in found)
+    groups: dict[str, list[Line]] = {}
+
+    def add(group: str, method: str, mine: Collection[budgets.Compared]) -> None:
+        entries = [
+            _gap_entry([gap for place, gap in found.items() if place in mine], head)
+            for found, (_, _, head) in zip(gaps, shown, strict=True)
+        ]
+        if any(entry is not HOLE for entry in entries):
+            groups.setdefault(group, []).append(Line(method_name(method), tuple(entries)))
+
+    for background in BACKGROUNDS:
+        for method in dict.fromkeys(name for _, own, name in places if own == background):
+            mine = [place for place in places if place[1:] == (background, method)]
+            add(f"{background_name(background)}, mean over captures", method, mine)
+    for capture, background, method in places if len({place[0] for place in places}) > 1 else ():
+        label = f"{capture_name(capture)}, {background_name(background)}"
+        add(label, method, [(capture, background, method)])
+    if not groups:
+        return None
+    return Table(
+        BUDGETS,
+        f"At equal size and time, against {method_name(budgets.BASE)}",
+        tuple(head for _, _, head in shown),
+        tuple(f"{m}_{head.split()[0].lower()}_{c}" for c, m, head in shown),
+        tuple(Group(label, tuple(lines)) for label, lines in groups.items()),
+        (BJONTEGAARD,),
+        with_runs=False,
+    )
+
+
+def _gap_entry(found: Sequence[budgets.Gap], heading: str) -> Entry:
+    """Print a mean over captures: percent of cost, or decibels; bold beyond doubt."""
+    quality = heading.startswith("PSNR")
+    interval = budgets.mean_quality(found) if quality else budgets.mean_cost(found)
+    if interval is None:
+        return HOLE
+    decimals, unit = (2, " dB") if quality else (0, " %")
+    texts = [
+        f"{value:+.{decimals}f}".replace("-", "−")
+        for value in (interval.mean, interval.low, interval.high)
+    ]
+    if interval.samples < 2:
+        return Entry(f"{texts[0]}{unit}", value=interval.mean)
+    text = f"{texts[0]}{unit} ({texts[1]} to {texts[2]})"
+    return Entry(text, best=interval.excludes_zero(), value=interval.mean)
 
 
 def quality_table(rows: Sequence[Row]) -> Table | None:
@@ -189,11 +266,13 @@ def all_tables(rows: Sequence[Row], values: paper.PaperValues | None = None) -> 
     extra = [
         mask_table(rows),
         parts_table(rows),
-        *difference_tables(rows),
+        *difference_tables(budgets.largest(rows)),
         training_table(rows),
         quality_table(rows),
         cost_table(rows),
         origins_table(rows),
         runs_table(rows),
     ]
-    return capture_tables(rows, values) + [table for table in extra if table is not None]
+    first = budget_table(rows)
+    found = [] if first is None else [first]
+    return found + capture_tables(rows, values) + [table for table in extra if table is not None]

@@ -15,7 +15,7 @@ from typing import Any
 from mattgs_ops.naming import slug
 from reports.rows import columns
 from reports.rows.columns import Column
-from reports.rows.groups import by_background, by_capture, condition_of, finished_of
+from reports.rows.groups import by_background, by_capture, condition_of, finished_of, method_of
 from reports.rows.schema import (
     Cell,
     CellKey,
@@ -81,13 +81,13 @@ def _paper_groups(
     quoted = False
     for background in dict.fromkeys(cell.key.background for cell in selected):
         members = [cell for cell in selected if cell.key.background == background]
-        ours = lines_of(members, columns.PAPER, holes, lambda cell: method_name(cell.key.method))
+        ours = lines_of(members, columns.PAPER, holes, method_of)
         lines = []
         for cell, line in zip(members, ours, strict=True):
             lines.append(line)
             theirs = (
                 None
-                if values is None
+                if values is None or cell.key.budget
                 else values.line(cell.key.capture, background, cell.key.method)
             )
             if theirs is not None:

@@ -77,6 +77,7 @@ def aliased_rows(tracking_uri: str, benchmark: str, alias: str = BASELINE) -> li
 def model_name(row: Mapping[str, Any]) -> str:
     """Return the registered model that a row's cell has."""
     size = f"{row['iterations']}x{row['resolution']}"
+    size += f"x{row['budget']}" if row.get("budget") else ""
     parts = (
         experiment_name(row["benchmark"]).replace("/", "."),
         row["capture"],

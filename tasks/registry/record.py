@@ -118,8 +118,7 @@ def close(tracking_uri: str, row: Row, recorded: Row, about: About = runs.NOTHIN
 
 
 def _warn(row: Row, error: Exception) -> None:
-    name = f"{row['capture']} {row['condition']} seed {row['seed']}"
-    logging.getLogger("mattgs").warning("%s was not logged to MLflow: %s", name, error)
+    logging.getLogger("mattgs").warning("%s was not logged to MLflow: %s", Cell.of(row), error)
 
 
 def record_summary(
@@ -206,7 +205,7 @@ def _example(folder: Path) -> Iterator[tuple[Path, str]]:
 
 def _logs(place: Place, row: Row, artifacts: dict[str, Artifact]) -> Iterator[tuple[str, Path]]:
     """Yield each stage and its log; of one that failed the newest of its title."""
-    cell = f"{row['capture']} {row['condition']} seed {row['seed']}"
+    cell = str(Cell.of(row))
     owners = dict.fromkeys(("segment", "sfm", "agree"), row["capture"])
     owners |= {"train": cell, "evaluate": cell}
     for stage, owner in owners.items():

@@ -13,6 +13,7 @@ from typing import Any
 
 from tasks.registry.content import dataset, description, origin, owner, values
 from tasks.registry.content.about import About, milliseconds
+from tasks.stages.stage import Cell
 
 Row = dict[str, Any]
 
@@ -21,7 +22,7 @@ ROW_TAG, TRAINING_TAG = "mattgs.row", "mattgs.training"
 OWNER_TAG = "mattgs.owner"  # of runs under way: see content/owner.py
 RECORDED_TAG = "mattgs.recorded"  # milliseconds since the epoch
 TAGS = ("capture", "condition", "background", "method", "seed", "iterations", "resolution")
-IDENTITY = ("benchmark", *TAGS)
+IDENTITY = ("benchmark", *TAGS, "budget")  # the last where the grid has budgets
 
 
 def row_key(row: Mapping[str, Any]) -> str:
@@ -30,7 +31,7 @@ def row_key(row: Mapping[str, Any]) -> str:
     The same experiment run again has the same key, whatever came out.
     """
     provenance = row.get("provenance") or {}
-    parts: dict[str, Any] = {name: row[name] for name in IDENTITY}
+    parts: dict[str, Any] = {name: row[name] for name in IDENTITY if name in row}
     parts |= {name: provenance.get(name) for name in ("config_digest", "code_version", "inputs")}
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:32]
 
@@ -39,7 +40,7 @@ def find_or_make(client: Any, experiment: str, row: Row, training: str | None, a
     """Return the id of the row's run, made when there is none, with its tags and its dataset."""
     run_id = find(client, experiment, row, training)
     if run_id is None:
-        name = f"{row['capture']} {row['condition']} seed {row['seed']}"
+        name = str(Cell.of(row))
         start = milliseconds(about.began)
         tags = _tags(row, training, about, {})
         made = client.create_run(experiment, start_time=start, tags=tags, run_name=name)
@@ -112,7 +113,7 @@ def update_state(client: Any, run_id: str, row: Row, about: About) -> None:
 
 def _tags(row: Row, training: str | None, about: About, old_tags: dict[str, str]) -> dict[str, str]:
     provenance = row.get("provenance") or {}
-    found = {name: str(row[name]) for name in TAGS}
+    found = {name: str(row[name]) for name in IDENTITY[1:] if name in row}
     found |= _state(row) | {
         ROW_TAG: row_key(row),
         "code_version": str(provenance.get("code_version", "")),

@@ -219,7 +219,7 @@ def benchmarks(tracking_uri: str) -> list[str]:
 
 def experiment_key(row: Mapping[str, Any]) -> tuple[Any, ...]:
     """Identify the place in a benchmark's grid, whatever code or photos it was run with."""
-    return tuple(row[name] for name in IDENTITY)
+    return tuple(row.get(name) for name in IDENTITY)
 
 
 def _client(tracking_uri: str) -> Any:

@@ -48,6 +48,11 @@ class Cell:
     def __str__(self) -> str:
         return f"{self.capture} {self.label}"
 
+    @classmethod
+    def of(cls, row: Mapping[str, Any]) -> "Cell":
+        """Return the experiment that a row is of."""
+        return cls(row["capture"], row["condition"], int(row["seed"]), row.get("budget"))
+
     @property
     def label(self) -> str:
         """What tells it from the capture's others."""

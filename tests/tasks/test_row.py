@@ -90,3 +90,28 @@ def test_lost_views_and_unlike_exposures_travel_with_the_row(place: Place, doubt
     assert (poses["about"], poses["serious"]) == ("poses", doubtful)
     assert poses["text"] == "only 9 of 14 views have a camera"
     assert (exposure["about"], exposure["serious"]) == ("exposure", False)
+
+
+def test_a_budget_is_part_of_what_was_asked_for() -> None:
+    config = BenchmarkConfig(budgets=(5000, 9000))
+    cells = [Cell("rover", "nobg-ours", 0, budget) for budget in (5000, 9000)]
+    assert [str(cell) for cell in cells] == [
+        "rover nobg-ours 5000 splats seed 0",
+        "rover nobg-ours 9000 splats seed 0",
+    ]
+    assert len({config_digest(config, cell) for cell in (*cells, CELL)}) == 3
+    asked = settings(config, cells[0])
+    assert (asked["budget"], asked["train"]["max_splats"]) == (5000, 5000)
+    assert Cell.of({"capture": "rover", "condition": "nobg-ours", "seed": 0}) == CELL
+
+
+def test_where_a_trainer_lies_is_no_part_of_what_was_asked_for(tmp_path: Path) -> None:
+    def found(**settings: Any) -> str:
+        table = {"command": ["{here}/train"], **settings}
+        config = BenchmarkConfig.model_validate(
+            {"trainers": {"peer": table}, "conditions": ["nobg-peer"]}
+        )
+        return config_digest(config, Cell("rover", "nobg-peer", 0))
+
+    assert found() == found(folder=tmp_path, timeout=5)
+    assert found() != found(command=["{here}/train", "--more"])

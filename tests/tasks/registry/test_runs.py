@@ -139,10 +139,11 @@ def test_other_code_configuration_or_inputs_are_another_run() -> None:
         run_of_row.row_key(row()),
         run_of_row.row_key(row(1)),
         run_of_row.row_key(row(iterations=200)),
+        run_of_row.row_key(row(budget=5000)),
         run_of_row.row_key(row(provenance={"code_version": "new"})),
         run_of_row.row_key(row(provenance=row()["provenance"] | {"inputs": {"photos": "2"}})),
     }
-    assert len(keys) == 5
+    assert len(keys) == 6
     assert run_of_row.row_key(row(metrics={}, status="failed")) == run_of_row.row_key(row())
 
 

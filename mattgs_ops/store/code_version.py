@@ -1,8 +1,8 @@
 """What code a stage depends on, as a digest.
 
 The digest covers the stage's modules, everything in ``mattgs_ops`` that they import (followed
-through the source, imports inside functions included), the compiled kernels' sources when the
-engine is among them, and the versions of the numeric libraries that are used. Comments, docstrings
+through the source, imports inside functions included), the sources of compiled modules among
+them, and the versions of the numeric libraries that are used. Comments, docstrings
 and formatting do not count. Sources are read at each call: a digest must name the code that a
 stage's fresh process is about to run.
 """
@@ -20,8 +20,11 @@ from mattgs_ops.store.digests import file_digest, json_digest
 
 ROOT = Path(__file__).resolve().parents[2]  # holds the package mattgs_ops and its neighbours
 PACKAGE = "mattgs_ops"
-ENGINE = "mattgs_ops.splat._engine"
-KERNELS = Path("mattgs_ops/splat/_kernels")
+# Compiled module → folder of its sources
+COMPILED = {
+    "mattgs_ops.splat._engine": Path("mattgs_ops/splat/_kernels"),
+    "mattgs_ops.sfm.colmap._descriptors": Path("mattgs_ops/sfm/colmap/_kernels"),
+}
 # Import name → distribution, of libraries whose version can change a result.
 LIBRARIES = {
     "cv2": "opencv-contrib-python-headless",
@@ -60,8 +63,11 @@ def digest_modules(names: Iterable[str], *, root: Path = ROOT) -> str:
     """Return the digest of modules and all that they depend on."""
     sources, libraries = dependencies(names, root=root)
     parts = {str(path.relative_to(root)): _source(path).meaning for path in sources}
-    if any(name.startswith(ENGINE) for path in sources for name in _imports(path, root)):
-        parts |= {str(path.relative_to(root)): file_digest(path) for path in _kernels(root)}
+    imported = {name for path in sources for name in _imports(path, root)}
+    for module, folder in COMPILED.items():
+        if any(name.startswith(module) for name in imported):
+            found = _kernels(root, module, folder)
+            parts |= {str(path.relative_to(root)): file_digest(path) for path in found}
     return json_digest({"sources": parts, "libraries": _versions(libraries)})
 
 
@@ -152,11 +158,12 @@ def _drop_docstring(
         node.body = node.body[1:]
 
 
-def _kernels(root: Path) -> list[Path]:
-    """Return the compiled engine's sources and build description, or without them the engine."""
-    sources = [path for path in sorted((root / KERNELS).glob("*")) if path.is_file()]
+def _kernels(root: Path, module: str, folder: Path) -> list[Path]:
+    """Return a compiled module's sources and build description, or without them the module."""
+    sources = [path for path in sorted((root / folder).glob("*")) if path.is_file()]
     build = [path for path in [root / "CMakeLists.txt"] if path.is_file()]
-    return sources + build if sources else sorted((root / KERNELS.parent).glob("_engine*.so"))
+    name = module.rpartition(".")[2]
+    return sources + build if sources else sorted((root / folder.parent).glob(f"{name}*.so"))
 
 
 def _versions(libraries: Iterable[str]) -> dict[str, str]:

@@ -90,10 +90,14 @@ def cast(
 @pytest.fixture(scope="session")
 def box_capture(tmp_path_factory: pytest.TempPathFactory) -> PreparedCapture:
     """Nine views of the box, their exact masks and poses (``truth``)."""
-    rng = np.random.default_rng(7)
+    return photographed(tmp_path_factory.mktemp("box"), seed=7)
+
+
+def photographed(folder: Path, seed: int) -> PreparedCapture:
+    """Print the box and its table anew and photograph them from nine places."""
+    rng = np.random.default_rng(seed)
     textures = [print_texture(rng, 1024, 8000), *(print_texture(rng, 256, 650) for _ in range(6))]
-    folder = tmp_path_factory.mktemp("box")
-    (folder / "photos").mkdir()
+    (folder / "photos").mkdir(parents=True)
     (folder / "masks").mkdir()
     views = []
     for k, camera in enumerate(orbit(VIEWS)):

@@ -40,6 +40,7 @@ class Attempt:
     answer: Answer
     progress: Progress
     start: float = 0.0
+    thorough: bool = False  # key points by COLMAP's slower SIFT
 
     @property
     def folder(self) -> Path:
@@ -69,8 +70,8 @@ def run(job: Job, progress: Progress) -> Answer:
     """Do the whole job; the model lands in ``<workspace>/model``.
 
     When fewer than 95 % of the views are registered, a second attempt seeks fainter key points at
-    twice the photos' size and keeps twice as many, which takes several times as long; the better of
-    both attempts is kept.
+    twice the photos' size by COLMAP's own SIFT and keeps twice as many, which takes several times
+    as long; the better of both attempts is kept.
     """
     import pycolmap
 
@@ -90,7 +91,8 @@ def run(job: Job, progress: Progress) -> Answer:
         again.seconds, again.cpu_seconds = dict(best.seconds), dict(best.cpu_seconds)
         again.fallbacks = [*best.fallbacks, f"{reason}: more and fainter key points sought"]
         try:
-            attempt(Attempt(job, _with_more(config), again, progress), better_than=best)
+            second = Attempt(job, _with_more(config), again, progress, thorough=True)
+            attempt(second, better_than=best)
             failure = None
         except StageError as error:
             failure = failure and error
@@ -141,7 +143,7 @@ def _extract(state: Attempt) -> list[Features]:
     """Climb the ladder until the object has key points enough."""
     job, answer = state.job, state.answer
     found: list[Features] = []
-    for reason, how in features.ladder(state.config):
+    for reason, how in features.ladder(state.config, thorough=state.thorough):
         if reason is not None:
             if features.enough(found) or answer.mode == "original":
                 break
@@ -255,10 +257,11 @@ def _reconstruct(state: Attempt, found: Sequence[Features]) -> Any:
         pairs = _match(state, found, cameras)
         mapping.write_database(database, job.views, cameras, positions, pairs)
         model = _map(state, database, photos, options, known=known)
-        matches = {pair: v.matches for pair, v in pairs.items() if _trained(job, pair)}
+        held_out = [view.held_out for view in job.views]
+        matches = {p: v.matches for p, v in pairs.items() if not any(held_out[n] for n in p)}
         sets.pop(next(iter(sets)))  # matched already
     for name, rows in sets.items():
-        matches = matching.united(matches, _guide(state, found, model, name, rows))
+        matches = matching.merged(matches, _guide(state, found, model, name, rows))
     if not matches:
         state.answer.fallbacks.append("no pair of views matches along epipolar lines")
         return model
@@ -267,11 +270,6 @@ def _reconstruct(state: Attempt, found: Sequence[Features]) -> Any:
         state.tell("triangulate", 0, 1, "points with poses held fixed")
         out = state.folder / "triangulated"
         return mapping.triangulate(model, database, photos, out, options)
-
-
-def _trained(job: Job, pair: Pair) -> bool:
-    """Say whether both views of a pair are trained on."""
-    return not any(job.views[number].held_out for number in pair)
 
 
 def _map(state: Attempt, database: Path, photos: Path, options: Any, *, known: bool) -> Any:
@@ -289,6 +287,8 @@ def _map(state: Attempt, database: Path, photos: Path, options: Any, *, known: b
                 views,
                 lambda n: state.tell("map", n, views, f"{n} of {views} views registered"),
             )
+        if models:
+            mapping.adjust(models[0], intrinsics_known=known)
     if not models:
         raise StageError(
             "structure-from-motion: no two views could be placed relative to each other; expected "

@@ -1,9 +1,10 @@
 """SIFT key points of whole photos, each marked as inside or outside the object's mask.
 
-SIFT (Lowe 2004, in OpenCV's implementation, with COLMAP's settings) always sees the whole photo: a
-mask filters key points after detection, so that the mask's own edge never becomes a key point. One
-detection therefore serves every mode, and says how many key points masking saves; only those that
-are matched are described. Runs in the worker process.
+SIFT (Lowe 2004) always sees the whole photo: a mask filters key points after detection, so that the
+mask's own edge never becomes a key point. One detection therefore serves every mode, and says how
+many key points masking saves. Two implementations, with the same settings: OpenCV's is several
+times faster, as only key points that are matched are described; COLMAP's finds some more of them
+again in other photos, which is what captures with little texture need. Runs in the worker process.
 """
 
 from collections.abc import Callable
@@ -31,6 +32,7 @@ LAYERS = 3  # per octave, as Lowe and COLMAP have it; OpenCV divides its thresho
 # At this share of COLMAP's threshold OpenCV finds about as many key points: 5 % fewer on renders
 # (rover), 13 % more on photos (fox); those of largest scale are used
 SAME_PEAKS = 0.75
+COLMAP_MOST = 32_768  # key points that COLMAP's SIFT returns; the choice among them is ours
 
 
 @dataclass(frozen=True)
@@ -40,7 +42,7 @@ class Features:
     ``keypoints`` [K, 4] float32: x, y, scale, orientation in pixels of the photo; ``descriptors``
     [K, 128] uint8 of length 512; ``inside`` [K] bool: on the object. ``whole`` and ``masked`` [K]
     bool are the two sets that are matched, of the photo and of the object alone; ``found`` counts
-    what there was before the sets were capped, in the photo and on the object.
+    the key points before the cap, in the photo and on the object.
     """
 
     keypoints: NDArray[np.float32]
@@ -70,21 +72,29 @@ class Features:
 
 @dataclass(frozen=True)
 class Extraction:
-    """How key points are sought: SIFT's peak threshold, and the growth of masks in pixels."""
+    """How key points are sought.
+
+    ``peak_threshold`` is SIFT's, ``grow_share`` the growth of masks as a share of the longest side,
+    ``thorough`` whether COLMAP's SIFT finds them instead of OpenCV's.
+    """
 
     peak_threshold: float
     grow_share: float = 0.0
+    thorough: bool = False
 
 
-def ladder(config: SfmConfig) -> list[tuple[str | None, Extraction]]:
-    """Return the extractions to try in order, each with what is said when it is needed."""
+def ladder(config: SfmConfig, *, thorough: bool = False) -> list[tuple[str | None, Extraction]]:
+    """Return the extractions to try in order, each with the note on why it is needed."""
     usual, faint = config.peak_threshold, config.peak_threshold * FAINT
     return [
-        (None, Extraction(usual)),
-        (f"SIFT peak threshold lowered from {usual:.4f} to {faint:.4f}", Extraction(faint)),
+        (None, Extraction(usual, 0.0, thorough)),
+        (
+            f"SIFT peak threshold lowered from {usual:.4f} to {faint:.4f}",
+            Extraction(faint, 0.0, thorough),
+        ),
         (
             f"masks grown by {GROWTH:.0%} of the longest side for finding key points",
-            Extraction(faint, GROWTH),
+            Extraction(faint, GROWTH, thorough),
         ),
     ]
 
@@ -100,12 +110,14 @@ def extract(
     config: SfmConfig,
     how: Extraction,
     threads: int,
-    tell: Callable[[int, int, str], None],
+    progress: Callable[[int, int, str], None],
 ) -> list[Features]:
     """Extract every view's key points; the same bits for any number of threads."""
     cv2.setNumThreads(1)  # one photo per thread: OpenCV's own threads would change the order
 
     def one(view: JobView) -> Features:
+        if how.thorough:
+            return describe_by_colmap(view, config, how)
         longest = config.max_image_size
         if not config.upsample:
             longest = min(longest, max(view.width, view.height) // 2)  # what OpenCV doubles
@@ -116,7 +128,7 @@ def extract(
     with ThreadPoolExecutor(threads) as pool:
         for view, features in zip(views, pool.map(one, views), strict=True):
             out.append(features)
-            tell(len(out), len(views), f"{features.found[0]} key points in {view.name}")
+            progress(len(out), len(views), f"{features.found[0]} key points in {view.name}")
     return out
 
 
@@ -132,17 +144,45 @@ def describe(
         contrastThreshold=LAYERS * SAME_PEAKS * how.peak_threshold,
         enable_precise_upscale=True,
     )
-    found = sift.detect(grey, None)
-    rows = [(*k.pt, k.size / 2, np.radians(k.angle)) for k in found]  # OpenCV: diameter, degrees
+    detected = sift.detect(grey, None)
+    rows = [(*k.pt, k.size / 2, np.radians(k.angle)) for k in detected]  # OpenCV: diameter, degrees
     keypoints = np.array(rows, dtype=np.float32).reshape(-1, 4)
     keypoints[:, :2] += 0.5  # OpenCV's pixels have their centre at 0
     keypoints[:, :3] *= scale
     inside = inside_mask(mask, keypoints, how.grow_share)
     chosen = select(keypoints, inside, limit)
-    _, raw = sift.compute(grey, [found[row] for row in chosen.rows])
+    _, raw = sift.compute(grey, [detected[row] for row in chosen.rows])
     return Features(
         keypoints[chosen.rows],
         root_sift(np.zeros((0, 128), np.float32) if raw is None else raw),
+        inside[chosen.rows],
+        chosen.whole,
+        chosen.masked,
+        (len(inside), int(inside.sum())),
+    )
+
+
+def describe_by_colmap(view: JobView, config: SfmConfig, how: Extraction) -> Features:
+    """Find and describe all key points of a photo by COLMAP's SIFT, then choose."""
+    import pycolmap
+
+    options = pycolmap.FeatureExtractionOptions()
+    options.use_gpu = False
+    options.num_threads = 1
+    options.sift.max_num_features = COLMAP_MOST
+    options.sift.first_octave = -1 if config.upsample else 0
+    options.sift.peak_threshold = how.peak_threshold
+    # an extractor keeps state between calls and is not shared between threads
+    extractor = pycolmap.FeatureExtractor.create(options, pycolmap.Device.cpu)
+    grey, scale = read_grey(Path(view.photo), config.max_image_size)
+    detected, described = extractor.extract(pycolmap.Bitmap.from_array(grey))
+    keypoints = pycolmap.keypoints_to_matrix(detected).astype(np.float32).reshape(-1, 4)
+    keypoints[:, :3] *= scale
+    inside = inside_mask(Path(view.mask), keypoints, how.grow_share)
+    chosen = select(keypoints, inside, config.max_features)
+    return Features(
+        keypoints[chosen.rows],
+        np.asarray(described.data, dtype=np.uint8).reshape(-1, 128)[chosen.rows],
         inside[chosen.rows],
         chosen.whole,
         chosen.masked,

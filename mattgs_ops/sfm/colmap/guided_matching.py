@@ -1,8 +1,8 @@
-"""Matches along epipolar lines, for views whose poses are known.
+"""Matches along epipolar lines, for views with known poses.
 
 Where poses are fixed, a key point's partner can only lie near a line (Hartley & Zisserman 2004,
-chapter 9). Lowe's ratio test then asks whether the best partner stands out *near that line*, which
-repeated and small structures pass that fail it over a whole photo. Worker process only.
+chapter 9). Lowe's ratio test compares the best partner with others *near that line* only. Repeated
+and small structures pass it there, and fail it over the whole photo. Worker process only.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mattgs_ops.capture.camera import Camera
-from mattgs_ops.sfm.colmap.matching import Matches, Pair, stands_out
+from mattgs_ops.sfm.colmap.matching import Matches, Pair, numbered, passes_ratio_test
 
 Array = NDArray[np.float64]
 BAND = 2.0  # pixels beside the line; COLMAP calls twice as much an inlier
@@ -70,17 +70,17 @@ def match_near_lines(
 ) -> Matches:
     """Match descriptors [N, 128] and [M, 128] where ``near`` allows; see ``match``.
 
-    ``near`` is asked for some rows at a time: which of the second may match these of the first.
+    ``near`` says for some rows of the first which of the second may match them.
     """
     if min(len(first), len(second)) < 2:
         return np.zeros((0, 2), dtype=np.uint32)
     a, b = first.astype(np.float32), second.astype(np.float32).T
-    found = []
+    parts = []
     for start in range(0, len(a), BLOCK):
         part = slice(start, start + BLOCK)
         row, column = np.nonzero(near(part))
-        found.append((row + start, column, (a[part] @ b)[row, column]))
-    row, column, product = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        parts.append((row + start, column, (a[part] @ b)[row, column]))
+    row, column, product = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     there = nearest_of(row, column, product, len(first))
     back = nearest_of(column, row, product, len(second))
     rows = np.flatnonzero(there >= 0)
@@ -99,7 +99,7 @@ def nearest_of(
     alone = (follows == best) | (row[follows] != row[best])
     second = np.where(alone, OUT_OF_BAND, product[follows])
     out = np.full(count, -1, dtype=np.int64)
-    out[row[best]] = np.where(stands_out(product[best], second), column[best], -1)
+    out[row[best]] = np.where(passes_ratio_test(product[best], second), column[best], -1)
     return out
 
 
@@ -110,7 +110,7 @@ def match_guided(
     rays: Mapping[int, Array],
     cameras: Mapping[int, Camera],
     threads: int,
-    tell: Callable[[int, int, str], None],
+    progress: Callable[[int, int, str], None],
 ) -> dict[Pair, Matches]:
     """Match pairs of posed views; the same for any ``threads``.
 
@@ -126,8 +126,7 @@ def match_guided(
             BAND / min(c.intrinsics.fx, c.intrinsics.fy) for c in (cameras[j], cameras[i])
         )
         near = near_lines(matrix, rays[i], rays[j], (across, here))
-        found = match_near_lines(descriptors[i], descriptors[j], near)
-        return np.stack([rows[i][found[:, 0]], rows[j][found[:, 1]]], axis=1).astype(np.uint32)
+        return numbered(match_near_lines(descriptors[i], descriptors[j], near), rows[i], rows[j])
 
     out: dict[Pair, Matches] = {}
     total = 0
@@ -138,5 +137,5 @@ def match_guided(
             if len(matches):
                 out[pair] = matches
             total += len(matches)
-            tell(done, len(pairs), f"{total} matches in {done} pairs along epipolar lines")
+            progress(done, len(pairs), f"{total} matches in {done} pairs along epipolar lines")
     return out

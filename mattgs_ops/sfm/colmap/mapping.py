@@ -1,4 +1,4 @@
-"""COLMAP's database, its mappers, and triangulation with known poses. Worker process only.
+"""COLMAP's database, its mappers, and triangulation with given poses. Worker process only.
 
 One thread and one seed: mapping several images at once is faster but not reproducible.
 """
@@ -16,14 +16,18 @@ from mattgs_ops.errors import StageError
 from mattgs_ops.sfm.colmap.job import JobView
 from mattgs_ops.sfm.colmap.matching import Matches, Pair, Verified
 
-FOCAL_GUESS = 1.2  # times the longest side, COLMAP's first guess where nothing is known
+FOCAL_GUESS = 1.2  # times the longest side, COLMAP's first guess without EXIF
 SMALLEST_MODEL = 3  # views; fewer are no model
+# Pixels of error from which an observation counts less (Cauchy's loss). SIFT is exact to about half
+# a pixel; COLMAP accepts matches up to 4 pixels off, and some of those are wrong
+ROBUST_SCALE = 0.5
+CONVERGED = 1e-6  # relative change of the cost: Ceres' own default, COLMAP's is none
 
 
 def build_cameras(views: Sequence[JobView], config: SfmConfig) -> list[Any]:
     """Return each view's pycolmap camera.
 
-    Views share one when they have one known pinhole, or else one size, orientation and focal length
+    Views share one when they have one given pinhole, or else one size, orientation and focal length
     in EXIF: so photos of both orientations, and of a lens that zooms, get cameras of their own.
     """
     import pycolmap
@@ -60,7 +64,7 @@ def write_database(
 ) -> None:
     """Write a fresh database: view ``i`` is image ``i + 1`` under its file's name.
 
-    Raises :class:`StageError` when the database does not hold what was asked for.
+    Raises :class:`StageError` when the database does not hold what was written.
     """
     import pycolmap
 
@@ -80,25 +84,25 @@ def write_database(
         frame.add_data_id(image.data_id)
         database.write_frame(frame, use_frame_id=True)
         database.write_keypoints(number, xy.astype(np.float32))
-    for (i, j), found in pairs.items():
-        if isinstance(found, Verified):
-            geometry, matches = found.geometry, found.matches
+    for (i, j), pair in pairs.items():
+        if isinstance(pair, Verified):
+            geometry, matches = pair.geometry, pair.matches
         else:
-            geometry, matches = pycolmap.TwoViewGeometry(), found
+            geometry, matches = pycolmap.TwoViewGeometry(), pair
             geometry.config = pycolmap.TwoViewGeometryConfiguration.CALIBRATED
             geometry.inlier_matches = matches
         database.write_matches(i + 1, j + 1, matches)
         database.write_two_view_geometry(i + 1, j + 1, geometry)
-    asked = (len(views), sum(len(xy) for xy in positions), len(pairs))
-    found_counts = (
+    expected = (len(views), sum(len(xy) for xy in positions), len(pairs))
+    stored = (
         database.num_images(),
         database.num_keypoints(),
         database.num_verified_image_pairs(),
     )
     database.close()
-    if asked != found_counts:
+    if expected != stored:
         raise StageError(
-            f"{path.name}: expected {asked} images, key points and pairs, found {found_counts}"
+            f"{path.name}: expected {expected} images, key points and pairs, found {stored}"
         )
 
 
@@ -122,11 +126,16 @@ def pipeline_options(config: SfmConfig, *, intrinsics_known: bool) -> Any:
 
 
 def incremental(
-    database: Path, photos: Path, out: Path, options: Any, views: int, tell: Callable[[int], None]
+    database: Path,
+    photos: Path,
+    out: Path,
+    options: Any,
+    views: int,
+    progress: Callable[[int], None],
 ) -> list[Any]:
     """Map incrementally (Schönberger & Frahm 2016); returns the models, largest first.
 
-    ``tell`` is called with the number of views registered so far.
+    ``progress`` is called with the number of views registered so far.
     """
     import pycolmap
 
@@ -136,12 +145,12 @@ def incremental(
     def start() -> None:
         nonlocal count
         count = 2
-        tell(count)
+        progress(count)
 
     def following() -> None:
         nonlocal count
         count = min(count + 1, views)
-        tell(count)
+        progress(count)
 
     models = pycolmap.incremental_mapping(database, photos, out, options, "", start, following)
     return _largest_first(models)
@@ -168,8 +177,28 @@ def global_(
     return _largest_first(pycolmap.global_mapping(database, photos, out, options))
 
 
+def adjust(model: Any, *, intrinsics_known: bool) -> None:
+    """Adjust poses, points and intrinsics (unless known) once more, with a robust loss.
+
+    COLMAP's mappers end with plain least squares, in which the worst matches weigh most;
+    docs/sfm.md has the pose errors with and without this step.
+    """
+    import pycolmap
+
+    options = pycolmap.BundleAdjustmentOptions()
+    options.print_summary = False
+    options.refine_focal_length = not intrinsics_known
+    options.refine_extra_params = not intrinsics_known
+    options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
+    options.ceres.loss_function_scale = ROBUST_SCALE
+    options.ceres.use_gpu = False
+    options.ceres.solver_options.num_threads = 1
+    options.ceres.solver_options.function_tolerance = CONVERGED
+    pycolmap.bundle_adjustment(model, options)
+
+
 def with_poses(views: Sequence[JobView], cameras: Sequence[Any]) -> Any:
-    """Return a reconstruction without points from views whose poses are known."""
+    """Return a reconstruction without points from views with given poses."""
     import pycolmap
 
     model = pycolmap.Reconstruction()
@@ -223,7 +252,7 @@ def triangulate(model: Any, database: Path, photos: Path, out: Path, options: An
 
 
 def _largest_first(models: Mapping[int, Any]) -> list[Any]:
-    found = sorted(
+    ordered = sorted(
         models.items(), key=lambda kv: (-kv[1].num_reg_images(), -kv[1].num_points3D(), kv[0])
     )
-    return [model for _, model in found]
+    return [model for _, model in ordered]

@@ -1,9 +1,9 @@
 """Which pairs of views to compare, their matches, and what epipolar geometry leaves of them.
 
 Descriptors are compared by brute force: nearest neighbour in both directions (cross check) and
-Lowe's ratio test, by angle between descriptors as in COLMAP's own matcher, whose answers these are.
-All inner products are of whole numbers below 2²⁴, exact in float32, so that no order of summation
-and no number of threads changes a match. Verification is COLMAP's, seeded. Worker process only.
+Lowe's ratio test, by angle between descriptors as in COLMAP's own matcher, which finds the same.
+Inner products are sums of whole numbers (``_kernels/nearest.cpp``), so that neither the processor
+nor the number of threads changes a match. Verification is COLMAP's, seeded. Worker process only.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from mattgs_ops.capture.camera import Camera
 from mattgs_ops.config import SfmConfig
+from mattgs_ops.sfm.colmap import _descriptors
 
 Pair = tuple[int, int]
 Matches = NDArray[np.uint32]  # [M, 2] rows of the two views' key points
@@ -25,7 +26,7 @@ RATIO, FARTHEST = 0.8, 0.7  # COLMAP's defaults: Lowe's ratio, and the largest a
 DESCRIPTOR_LENGTH = 512.0  # SIFT descriptors are unit vectors times 512, rounded
 LEAST_MATCHES = 15  # COLMAP's default for keeping a pair
 OVERLAP = 10  # neighbours in a sequence that are always compared
-ALIKE = 12  # pairs per view found by looks
+SIMILAR_VIEWS = 12  # pairs per view chosen by similarity
 PREVIEW_FEATURES = 256  # the largest-scale features repeat best (Wu 2013, preemptive matching)
 # Farther apart than this, two views of one object share next to nothing that SIFT can match.
 WIDEST_ANGLE = 75.0
@@ -33,7 +34,7 @@ WIDEST_ANGLE = 75.0
 
 @dataclass(frozen=True)
 class Verified:
-    """A pair's geometry as COLMAP found it, and its inlier matches [M, 2]."""
+    """A pair's geometry as COLMAP estimates it, and its inlier matches [M, 2]."""
 
     geometry: Any  # pycolmap.TwoViewGeometry
     matches: Matches
@@ -50,8 +51,8 @@ def sequential(views: int) -> list[Pair]:
     return [(i, i + d) for i in range(views) for d in steps if i + d < views]
 
 
-def alike(descriptors: Sequence[NDArray[np.uint8]]) -> list[Pair]:
-    """Return each view's pairs with the views that look most alike, found without a vocabulary.
+def most_similar(descriptors: Sequence[NDArray[np.uint8]]) -> list[Pair]:
+    """Return each view's pairs with the views that are most similar, without a vocabulary.
 
     Only the largest-scale features are compared, so that all pairs of hundreds of views cost
     seconds; this is also how a sequence's loop is closed.
@@ -62,7 +63,7 @@ def alike(descriptors: Sequence[NDArray[np.uint8]]) -> list[Pair]:
         votes[i, j] = votes[j, i] = len(match(small[i], small[j]))
     pairs = set()
     for i, row in enumerate(votes):
-        best = np.argsort(-row, kind="stable")[:ALIKE]
+        best = np.argsort(-row, kind="stable")[:SIMILAR_VIEWS]
         pairs |= {(min(i, int(j)), max(i, int(j))) for j in best if row[j] > 0}
     return sorted(pairs)
 
@@ -84,41 +85,38 @@ def choose_pairs(descriptors: Sequence[NDArray[np.uint8]], config: SfmConfig) ->
     if matcher == "exhaustive":
         return exhaustive(views)
     if matcher == "spatial":
-        return alike(descriptors)
-    return sorted({*sequential(views), *alike(descriptors)})
+        return most_similar(descriptors)
+    return sorted({*sequential(views), *most_similar(descriptors)})
 
 
 def match(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> Matches:
     """Match descriptors [N, 128] and [M, 128]; returns rows [K, 2], each row used at most once."""
     if min(len(first), len(second)) < 2:
         return np.zeros((0, 2), dtype=np.uint32)
-    a, b = first.astype(np.float32), second.astype(np.float32)
-    there = nearest(a @ b.T)
-    rows = np.flatnonzero(there >= 0)
+    forward = nearest(first, second)
+    rows = np.flatnonzero(forward >= 0)
     if not len(rows):
         return np.zeros((0, 2), dtype=np.uint32)
-    # the way back is asked of those few that were chosen; most columns never are
-    back = nearest(b[there[rows]] @ a.T)
-    rows = rows[back == rows]
-    return np.stack([rows, there[rows]], axis=1).astype(np.uint32)
+    # only the few columns that were chosen need their own nearest row
+    backward = nearest(second[forward[rows]], first)
+    rows = rows[backward == rows]
+    return np.stack([rows, forward[rows]], axis=1).astype(np.uint32)
 
 
-def nearest(products: NDArray[np.float32]) -> NDArray[np.int64]:
-    """Return each row's nearest column, or -1 where it is too far or the second is as near.
+def nearest(rows: NDArray[np.uint8], columns: NDArray[np.uint8]) -> NDArray[np.int64]:
+    """Return the nearest of ``columns`` [M, 128] for each of ``rows`` [N, 128].
 
-    ``products`` [N, M] are inner products; they are used as scratch.
+    -1 where the nearest is too far, or the second nearest almost as near.
     """
-    rows = np.arange(len(products))
-    column = products.argmax(axis=1)
-    best = products[rows, column]
-    products[rows, column] = -1.0
-    second = products.max(axis=1)
-    return np.where(stands_out(best, second), column, -1)
+    column, best, second = (np.empty(len(rows), dtype=np.int32) for _ in range(3))
+    _descriptors.nearest(rows, columns, column, best, second)
+    return np.where(passes_ratio_test(best, second), column, -1).astype(np.int64)
 
 
-def stands_out(best: NDArray[np.float32], second: NDArray[np.float32]) -> NDArray[np.bool_]:
+def passes_ratio_test(best: NDArray[Any], second: NDArray[Any]) -> NDArray[np.bool_]:
     """Say whether the best product is near enough, and so much nearer than the second best."""
-    unit = DESCRIPTOR_LENGTH**2
+    unit = np.float32(DESCRIPTOR_LENGTH**2)
+    best, second = best.astype(np.float32), second.astype(np.float32)
     near = np.arccos(np.clip(best / unit, -1, 1))
     next_near = np.arccos(np.clip(second / unit, -1, 1))
     return np.asarray((near <= FARTHEST) & (near < RATIO * next_near))
@@ -132,7 +130,7 @@ def match_and_verify(
     cameras: Sequence[Any],
     seed: int,
     threads: int,
-    tell: Callable[[int, int, str], None],
+    progress: Callable[[int, int, str], None],
 ) -> dict[Pair, Verified]:
     """Match pairs and keep what one epipolar geometry explains; the same for any ``threads``.
 
@@ -144,12 +142,13 @@ def match_and_verify(
 
     def one(pair: Pair) -> Verified | None:
         i, j = pair
-        found = match(descriptors[i], descriptors[j])
-        if len(found) < LEAST_MATCHES:
+        matches = match(descriptors[i], descriptors[j])
+        count = len(matches)
+        if count < LEAST_MATCHES:
             return None
-        found = np.stack([rows[i][found[:, 0]], rows[j][found[:, 1]]], axis=1).astype(np.uint32)
+        matches = numbered(matches, rows[i], rows[j])
         geometry = pycolmap.estimate_two_view_geometry(
-            cameras[i], positions[i], cameras[j], positions[j], found, _options(len(found), seed)
+            cameras[i], positions[i], cameras[j], positions[j], matches, _options(count, seed)
         )
         inliers = np.asarray(geometry.inlier_matches, dtype=np.uint32).reshape(-1, 2)
         return Verified(geometry, inliers) if len(inliers) >= LEAST_MATCHES else None
@@ -161,8 +160,13 @@ def match_and_verify(
         ):
             if verified is not None:
                 out[pair] = verified
-            tell(done, len(pairs), f"{len(out)} of {done} pairs match")
+            progress(done, len(pairs), f"{len(out)} of {done} pairs match")
     return out
+
+
+def numbered(matches: Matches, first: NDArray[np.int64], second: NDArray[np.int64]) -> Matches:
+    """Turn matches [M, 2] between subsets into matches between all key points of both views."""
+    return np.stack([first[matches[:, 0]], second[matches[:, 1]]], axis=1).astype(np.uint32)
 
 
 def partners(pairs: Mapping[Pair, int], names: Sequence[str]) -> dict[str, list[tuple[str, int]]]:
@@ -172,16 +176,16 @@ def partners(pairs: Mapping[Pair, int], names: Sequence[str]) -> dict[str, list[
         out.setdefault(names[i], []).append((names[j], count))
         out.setdefault(names[j], []).append((names[i], count))
     return {
-        name: sorted(found, key=lambda pair: (-pair[1], pair[0])) for name, found in out.items()
+        name: sorted(others, key=lambda pair: (-pair[1], pair[0])) for name, others in out.items()
     }
 
 
 def _options(matches: int, seed: int) -> Any:
-    """Return what RANSAC is told about a pair with so many matches.
+    """Return RANSAC's options for a pair with ``matches`` matches.
 
-    A pair is kept for ``LEAST_MATCHES`` inliers. RANSAC need not go on until it would have found
-    fewer, which is where pairs without hope spend their time. COLMAP's own bound holds where it is
-    higher.
+    A pair is kept for ``LEAST_MATCHES`` inliers, so RANSAC may stop when models with as many are
+    unlikely. Most of its time went into pairs without such a model. COLMAP's own bound holds where
+    it is higher.
     """
     import pycolmap
 
@@ -194,11 +198,11 @@ def _options(matches: int, seed: int) -> Any:
     return options
 
 
-def united(first: Mapping[Pair, Matches], second: Mapping[Pair, Matches]) -> dict[Pair, Matches]:
+def merged(first: Mapping[Pair, Matches], second: Mapping[Pair, Matches]) -> dict[Pair, Matches]:
     """Add the matches of ``second`` whose key points ``first`` does not match in that pair."""
     out = dict(first)
     for pair, extra in second.items():
-        known = out.get(pair, np.zeros((0, 2), dtype=np.uint32))
-        new = ~np.isin(extra[:, 0], known[:, 0]) & ~np.isin(extra[:, 1], known[:, 1])
-        out[pair] = np.concatenate([known, extra[new]])
+        old = out.get(pair, np.zeros((0, 2), dtype=np.uint32))
+        new = ~np.isin(extra[:, 0], old[:, 0]) & ~np.isin(extra[:, 1], old[:, 1])
+        out[pair] = np.concatenate([old, extra[new]])
     return out

@@ -51,14 +51,14 @@ def run_worker(job: Job, log: Path, progress: Progress) -> Answer:
     if failure is not None:
         raise failure
     if status != 0:
-        raise StageError(_epitaph(_how(status), log))
+        raise StageError(_with_log(_ending(status), log))
     if not (Path(job.workspace) / ANSWER_FILE).is_file():
-        raise StageError(_epitaph("ended without an answer", log))
+        raise StageError(_with_log("ended without an answer", log))
     return Answer.load(Path(job.workspace))
 
 
 def _listen(worker: "subprocess.Popen[str]", log: Path, progress: Progress) -> Exception | None:
-    """Read the worker's lines until it closes them; returns its own error, if it told one."""
+    """Read the worker's lines until it closes them; returns the error that it reported, if any."""
     assert worker.stdout is not None
     failure: Exception | None = None
     for line in worker.stdout:
@@ -77,7 +77,7 @@ def _listen(worker: "subprocess.Popen[str]", log: Path, progress: Progress) -> E
     return failure
 
 
-def _how(status: int) -> str:
+def _ending(status: int) -> str:
     """Say how a process ended; negative statuses are signals."""
     if status > 0:
         return f"ended with status {status}"
@@ -87,7 +87,7 @@ def _how(status: int) -> str:
         return f"was ended by signal {-status}"
 
 
-def _epitaph(how: str, log: Path) -> str:
+def _with_log(how: str, log: Path) -> str:
     with log.open(encoding="utf-8", errors="replace") as file:
         lines = "".join(deque(file, LAST_LINES)).rstrip() or "(the log is empty)"
     return f"structure-from-motion: its process {how}; the last lines of {log}:\n{lines}"

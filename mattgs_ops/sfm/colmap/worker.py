@@ -27,18 +27,18 @@ def main(arguments: Sequence[str]) -> int:
 
     job = Job.load(Path(arguments[0]))
     try:
-        run(job, _tell).save(Path(job.workspace))
+        run(job, _report_progress).save(Path(job.workspace))
     except MattgsError as error:
-        _say({"error": str(error), "kind": type(error).__name__})
+        _print_message({"error": str(error), "kind": type(error).__name__})
         return OUR_ERROR
     return 0
 
 
-def _tell(done: int, total: int, note: str) -> None:
-    _say({"done": done, "total": total, "note": note})
+def _report_progress(done: int, total: int, note: str) -> None:
+    _print_message({"done": done, "total": total, "note": note})
 
 
-def _say(message: dict[str, Any]) -> None:
+def _print_message(message: dict[str, Any]) -> None:
     sys.stdout.write(json.dumps(message) + "\n")
     sys.stdout.flush()
 

@@ -16,6 +16,7 @@ from mattgs_ops.capture.scene import PreparedCapture, Scene, View
 from mattgs_ops.config import SfmConfig
 from mattgs_ops.errors import StageError
 from mattgs_ops.sfm import figure
+from tests.mattgs_ops.conftest import photographed
 
 Copy = Callable[..., PreparedCapture]
 CONFIG = SfmConfig()
@@ -46,11 +47,22 @@ def test_every_view_is_registered_close_to_where_it_was(box_scene: Scene) -> Non
     assert (extra["mode"], extra["poses"], extra["fallbacks"]) == ("shared", "estimated", [])
     error = extra["pose_error"]
     assert error["views"] == 9
-    # nine small photos of a box: other textures leave 0.2 to 1.0 degrees
-    assert error["rotation_deg_max"] < 1.0
     assert error["position_max"] < 0.01
     assert abs(error["focal"]) < 0.02
     assert extra["reprojection_error"] < 0.5
+
+
+def test_poses_are_exact_on_most_textures(box_scene: Scene, tmp_path: Path) -> None:
+    # nine small photos from an arc of 80 degrees fix its tilt badly: one texture may be off
+    scenes = [box_scene]
+    for seed in (1, 2, 3):
+        capture = photographed(tmp_path / f"{seed}", seed)
+        scenes.append(sfm.reconstruct(capture, masks_of(capture), CONFIG, tmp_path / f"out-{seed}"))
+    errors = [scene.extra["pose_error"] for scene in scenes]
+    assert [error["views"] for error in errors] == [9] * 4
+    assert np.median([error["rotation_deg_max"] for error in errors]) < 0.5
+    assert max(error["rotation_deg_max"] for error in errors) < 1.0
+    assert max(error["position_max"] for error in errors) < 0.01
 
 
 def test_object_points_lie_on_the_object_and_the_others_beside_it(box_scene: Scene) -> None:
@@ -235,7 +247,7 @@ def test_few_registered_views_lead_to_a_second_attempt_with_more_key_points(
     scene = sfm.reconstruct(capture, masks_of(capture), SfmConfig(upsample=False), tmp_path / "out")
     (step,) = [s for s in scene.extra["fallbacks"] if "views registered" in s]
     assert step.endswith("of 9 views registered: more and fainter key points sought")
-    assert int(step.split()[0]) < scene.extra["registered"] >= 8
+    assert scene.extra["registered"] == 9
 
 
 def test_an_object_without_texture_falls_back_in_stated_steps(copied: Copy, tmp_path: Path) -> None:

@@ -21,6 +21,9 @@ SOURCES = {
     "mattgs_ops/deep/worker.py": "from mattgs_ops.splat import _engine\n",
     "mattgs_ops/splat/__init__.py": "",
     "mattgs_ops/splat/_kernels/a.cpp": "int a;\n",
+    "mattgs_ops/sfm/colmap/__init__.py": "",
+    "mattgs_ops/sfm/colmap/match.py": "from mattgs_ops.sfm.colmap import _descriptors\n",
+    "mattgs_ops/sfm/colmap/_kernels/b.cpp": "int b;\n",
     "mattgs_ops/apart.py": "import torch\n",
     "tasks/wrap.py": "from mattgs_ops import one\n",
 }
@@ -93,8 +96,14 @@ def test_what_is_not_imported_does_not_count(root: Path) -> None:
 
 def test_kernels_count_for_what_runs_the_engine(root: Path) -> None:
     before = digest_modules(["mattgs_ops.deep"], root=root)
+    matching = digest_modules(["mattgs_ops.sfm.colmap.match"], root=root)
     edit(root / "mattgs_ops/splat/_kernels/a.cpp", "int a", "int b")
-    assert digest_modules(["mattgs_ops.deep"], root=root) != before
+    engine = digest_modules(["mattgs_ops.deep"], root=root)
+    assert engine != before
+    assert digest_modules(["mattgs_ops.sfm.colmap.match"], root=root) == matching
+    edit(root / "mattgs_ops/sfm/colmap/_kernels/b.cpp", "int b", "int c")
+    assert digest_modules(["mattgs_ops.deep"], root=root) == engine
+    assert digest_modules(["mattgs_ops.sfm.colmap.match"], root=root) != matching
 
 
 def test_the_place_of_the_sources_does_not_count(root: Path, tmp_path: Path) -> None:

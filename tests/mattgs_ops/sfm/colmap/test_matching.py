@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from mattgs_ops.capture.camera import Camera, Intrinsics
 from mattgs_ops.config import SfmConfig
-from mattgs_ops.sfm.colmap import matching
+from mattgs_ops.sfm.colmap import _descriptors, matching
 
 
 def descriptors(rng: np.random.Generator, count: int) -> NDArray[np.uint8]:
@@ -57,6 +57,34 @@ def test_matching_is_symmetric_and_leaves_its_input_alone() -> None:
     assert sorted(map(tuple, there.tolist())) == sorted((i, j) for j, i in back.tolist())
     assert np.array_equal(first, before[0])
     assert np.array_equal(second, before[1])
+
+
+@pytest.mark.parametrize("counts", [(1, 2), (6, 16), (7, 33), (50, 65), (13, 128)])
+@pytest.mark.parametrize("name", _descriptors.instruction_sets())
+def test_every_instruction_set_finds_the_two_largest_products(
+    name: str, counts: tuple[int, int]
+) -> None:
+    rng = np.random.default_rng(4)
+    rows, columns = (rng.integers(0, 256, (n, 128), dtype=np.uint8) for n in counts)
+    columns[len(columns) // 2 :] = columns[: -(-len(columns) // 2)][::-1]  # equal products
+    rows[0], columns[:] = 0, np.where(rng.random((counts[1], 1)) < 0.1, 0, columns)
+    column, best, second = (np.empty(counts[0], np.int32) for _ in range(3))
+    _descriptors.nearest(rows, columns, column, best, second, name)
+    products = rows.astype(np.int64) @ columns.T.astype(np.int64)
+    assert np.array_equal(column, products.argmax(axis=1))  # the first of several
+    ordered = np.sort(products, axis=1)
+    assert np.array_equal(best, ordered[:, -1])
+    assert np.array_equal(second, ordered[:, -2])
+
+
+def test_what_does_not_fit_together_is_refused() -> None:
+    data = descriptors(np.random.default_rng(5), 4)
+    short = np.empty(3, np.int32)
+    with pytest.raises(ValueError, match="unexpected length"):
+        _descriptors.nearest(data, data, short, short, short)
+    out = np.empty(4, np.int32)
+    with pytest.raises(ValueError, match="not available"):
+        _descriptors.nearest(data, data, out, out, out, "abacus")
 
 
 @pytest.mark.parametrize("counts", [(0, 5), (5, 0), (1, 5), (5, 1), (0, 0)])
@@ -110,7 +138,7 @@ def test_matches_are_added_without_using_a_key_point_twice() -> None:
     first = {(0, 1): rows([[0, 0], [2, 9], [5, 3]])}
     # 2 is known to the first view's matches, 3 to the second's
     second = {(0, 1): rows([[2, 1], [4, 3], [6, 5], [8, 7]]), (1, 2): rows([[3, 0]])}
-    both = matching.united(first, second)
+    both = matching.merged(first, second)
     assert both[0, 1].tolist() == [[0, 0], [2, 9], [5, 3], [6, 5], [8, 7]]
     assert both[1, 2].tolist() == [[3, 0]]
     assert len(first[0, 1]) == 3

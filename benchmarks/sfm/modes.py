@@ -1,7 +1,7 @@
 """Measure structure-from-motion: modes, mappers and settings, on bundled and other captures.
 
-    python benchmarks/sfm.py rover hexapod lattepanda
-    python benchmarks/sfm.py fox=../photos/fox --modes shared masked --set max_features=2048
+    python benchmarks/sfm/modes.py rover hexapod lattepanda
+    python benchmarks/sfm/modes.py fox=../photos/fox --modes shared masked --set max_features=2048
 
 Masks are the capture's own where it has any, otherwise those of the segmentation stage. Prints one
 Markdown row per capture and setting. Seconds are wall-clock seconds of one thread.

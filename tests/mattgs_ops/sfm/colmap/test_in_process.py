@@ -1,0 +1,117 @@
+"""Specification of what runs inside COLMAP's process, tried in such a process."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mattgs_ops.capture.scene import PreparedCapture
+from mattgs_ops.config import SfmConfig
+from mattgs_ops.sfm import pipeline
+
+EXTRACT_AND_MATCH = """
+import hashlib, json, sys
+from pathlib import Path
+import numpy as np
+from mattgs_ops.config import SfmConfig
+from mattgs_ops.sfm.colmap import features, mapping, matching
+from mattgs_ops.sfm.colmap.job import Job
+
+job, thorough, threads = json.loads(sys.argv[1])
+views, config = Job.load(Path(job)).views, SfmConfig()
+notes = []
+found = features.extract(
+    views, config, features.Extraction(0.02 / 3, 0.0, thorough), threads, lambda *n: notes.append(n)
+)
+pairs = matching.match_and_verify(
+    matching.exhaustive(len(views)),
+    [f.descriptors for f in found],
+    [np.arange(len(f.inside)) for f in found],
+    [f.positions for f in found],
+    mapping.build_cameras(views, config),
+    0,
+    threads,
+    lambda *n: notes.append(n),
+)
+digest = hashlib.sha256()
+for f in found:
+    for array in (f.keypoints, f.descriptors, f.inside, f.whole, f.masked):
+        digest.update(array.tobytes())
+for pair, verified in pairs.items():
+    digest.update(repr(pair).encode() + verified.matches.tobytes())
+counts = [len(f.inside) for f in found]
+print(json.dumps([digest.hexdigest(), counts, len(pairs), notes]))
+"""
+
+ADJUST = """
+import json, sys
+import numpy as np
+import pycolmap
+from mattgs_ops.sfm.colmap import mapping
+
+pycolmap.set_random_seed(0)
+options = pycolmap.SyntheticDatasetOptions()
+options.num_rigs, options.num_frames_per_rig, options.num_points3D = 1, 12, 200
+truth = pycolmap.synthesize_dataset(options)
+model = pycolmap.Reconstruction(truth)
+noise = pycolmap.SyntheticNoiseOptions()
+noise.point2D_stddev = 0.3
+pycolmap.synthesize_noise(noise, model)
+rng = np.random.default_rng(0)
+for number in model.reg_image_ids():  # one observation in ten is wrong by up to four pixels
+    for point in model.image(number).points2D:
+        if rng.random() < 0.1:
+            point.xy = point.xy + rng.uniform(-4, 4, 2)
+
+def error(found):
+    similarity = pycolmap.align_reconstructions_via_proj_centers(found, truth, 1.0)
+    found = pycolmap.Reconstruction(found)
+    found.transform(similarity)
+    centres = [
+        found.image(n).projection_center() - truth.image(n).projection_center()
+        for n in found.reg_image_ids()
+    ]
+    return float(np.linalg.norm(centres, axis=1).mean())
+
+plain = pycolmap.Reconstruction(model)
+pycolmap.bundle_adjustment(plain)
+before = [camera.params.tolist() for camera in model.cameras.values()]
+results = []
+for known in (False, True, True):
+    mine = pycolmap.Reconstruction(model)
+    mapping.adjust(mine, intrinsics_known=known)
+    kept = [camera.params.tolist() for camera in mine.cameras.values()] == before
+    results.append([error(mine), kept])
+print(json.dumps([error(plain), results]))
+"""
+
+
+def answer(program: str, *arguments: object) -> Any:
+    """Run a program in a fresh process; returns what its last line of output holds."""
+    command = [sys.executable, "-c", program, json.dumps(arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+@pytest.mark.parametrize("thorough", [False, True], ids=["opencv", "colmap"])
+def test_key_points_and_matches_do_not_depend_on_the_number_of_threads(
+    box_capture: PreparedCapture, tmp_path: Path, thorough: bool
+) -> None:
+    job = pipeline._job(box_capture, box_capture.folder / "masks", SfmConfig(), tmp_path, 1).save()
+    one, three = (answer(EXTRACT_AND_MATCH, str(job), thorough, threads) for threads in (1, 3))
+    assert one == three
+    _, counts, pairs, notes = one
+    assert min(counts) > 200
+    assert pairs > 10
+    assert len(notes) == 9 + 36
+
+
+def test_the_robust_adjustment_is_closer_than_least_squares_and_repeats() -> None:
+    plain, (free, *fixed) = answer(ADJUST)
+    assert free[0] < 0.7 * plain
+    assert [kept for _, kept in (free, *fixed)] == [False, True, True]
+    assert fixed[0] == fixed[1]

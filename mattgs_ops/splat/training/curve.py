@@ -12,6 +12,8 @@ from pathlib import Path
 FILE = "curve.csv"
 BATCH = 10  # rows; whoever follows a training sees it this often
 ROWS = 200  # at most about this many per run
+FEWEST_ROWS = 50  # at least about this many, where there are as many steps
+SPACING = 20  # steps between rows of short runs: each row renders a view that no step renders
 
 
 @dataclass(frozen=True)
@@ -56,7 +58,8 @@ class Curve:
 
 def due(step: int, iterations: int) -> bool:
     """Tell whether ``step`` gets a row: the first, the last, and evenly between."""
-    return step in (1, iterations) or step % max(1, iterations // ROWS) == 0
+    spacing = max(1, iterations // ROWS, min(SPACING, iterations // FEWEST_ROWS))
+    return step in (1, iterations) or step % spacing == 0
 
 
 def _rounded(row: CurveRow) -> list[str]:

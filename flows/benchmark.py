@@ -1,8 +1,8 @@
 """The benchmark flow: captures → masks → masked SfM → masks that agree → training → scores → rows.
 
-One chain of tasks per capture, fanned out into one per experiment. Chains do not know of each
-other: when a task fails, what depends on it does not run, its experiments become rows that say why,
-and all others go on. Speed is measured last, when nothing else runs.
+One chain of tasks per capture, fanned out into one per experiment. Chains are
+independent: when a task fails, what depends on it does not run, its experiments become rows that
+say why, and all others continue. Speed is measured last, when nothing else runs.
 """
 
 import sys
@@ -15,7 +15,7 @@ from prefect import flow
 from prefect.futures import PrefectFuture
 
 from flows.grid import cells
-from flows.prefect_ui.artifacts import ProgressBar, show_dashboard, show_results
+from flows.prefect_ui.artifacts import ProgressBar, publish_dashboard, publish_results
 from flows.services.dask_cluster import needed
 from flows.services.report_server import report_address
 from mattgs_ops.config import BenchmarkConfig, CaptureConfig
@@ -76,7 +76,7 @@ def benchmark(
     place = Place(out, config.name, config.run, len(config.captures), own_version())
     close_orphans(tracking_uri, config.name)
     if dashboard is not None:
-        show_dashboard(config.name, dashboard)
+        publish_dashboard(config.name, dashboard)
     chains = [chain for capture in config.captures for chain in _submit(place, capture, config)]
     run_log = RunLog()
     outcomes: list[Outcome] = []
@@ -92,7 +92,7 @@ def benchmark(
             configured = settings(config, chain.cell)
             recorded.append(record(place, tracking_uri, row, configured, made, about))
             failed_so_far = sum(outcome.reason is not None for outcome in outcomes)
-            progress_bar.show(len(outcomes), failed_so_far)
+            progress_bar.update(len(outcomes), failed_so_far)
             run_log.info(f"{len(outcomes)} of {len(chains)}: {chain.cell}: {_ended(recorded[-1])}")
     outcomes, speeds = _measure(place, outcomes, config)
     rows = []
@@ -108,7 +108,7 @@ def benchmark(
         baselines=promoted(tracking_uri, config.name),
     )
     recorded_at = record_summary(place, tracking_uri, config.name, rows, path)
-    show_results(config.name, rows, path, report_address(path) or recorded_at)
+    publish_results(config.name, rows, path, report_address(path) or recorded_at)
     failed = [row for row in rows if row["status"] == "failed"]
     if failed:
         raise ExperimentsFailedError(len(failed), len(rows), path)

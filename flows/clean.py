@@ -33,7 +33,7 @@ def clean_up(out: Path, *, unused_hours: float, dry_run: bool) -> str:
         [*_close(out, dry_run=dry_run), *_purge(out, dry_run=dry_run)] if _recorded(out) else []
     )
     removed = clean(store, referred(out), unused_since=since, dry_run=dry_run)
-    return "\n".join([*closed, _told(removed, dry_run=dry_run)])
+    return "\n".join([*closed, _summary(removed, dry_run=dry_run)])
 
 
 def _close(out: Path, *, dry_run: bool) -> list[str]:
@@ -76,7 +76,7 @@ def _read(path: Path) -> list[Row]:
     return list(read_rows(path))
 
 
-def _told(removed: list[Removal], *, dry_run: bool) -> str:
+def _summary(removed: list[Removal], *, dry_run: bool) -> str:
     """List what was removed, largest first, and sum it up."""
     lines = [
         f"{size(one.size):>10}  {one.name}"

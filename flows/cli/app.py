@@ -157,9 +157,9 @@ def status(
     out: Out = DEFAULT_OUT,
 ) -> None:
     """Show what every stage of a benchmark is doing, or how it ended."""
-    from flows.cli.status import show
+    from flows.cli.status import print_status
 
-    show(out.resolve(), benchmark)
+    print_status(out.resolve(), benchmark)
 
 
 gate.register(app)

@@ -37,34 +37,34 @@ class Progress:
 
     @property
     def state(self) -> State:
-        """How the whole experiment stands."""
-        found = [stage.state for stage in self.stages.values()]
+        """State of the experiment, from those of its stages."""
+        states = [stage.state for stage in self.stages.values()]
         for state in FIRST:
-            if state in found:
+            if state in states:
                 return state
-        if "waiting" in found:
-            return "waiting" if found.count("waiting") == len(found) else "running"
-        return "cached" if set(found) == {"cached"} else "done"
+        if "waiting" in states:
+            return "waiting" if states.count("waiting") == len(states) else "running"
+        return "cached" if set(states) == {"cached"} else "done"
 
 
-def show(out: Path, benchmark: str | None) -> None:
-    """Print one table per benchmark; raises :class:`InputError` when there is nothing to show."""
+def print_status(out: Path, benchmark: str | None) -> None:
+    """Print one table per benchmark; raises :class:`InputError` when there is none."""
     folder = out / "status"
-    known = sorted(path.name for path in folder.glob("*") if path.is_dir())
-    if not known or (benchmark is not None and benchmark not in known):
+    names = sorted(path.name for path in folder.glob("*") if path.is_dir())
+    if not names or (benchmark is not None and benchmark not in names):
         wanted = "any benchmark" if benchmark is None else f"benchmark {benchmark!r}"
-        raise InputError(f"{out}: nothing known of {wanted}; known: {', '.join(known) or 'none'}")
+        raise InputError(f"{out}: no status of {wanted}; there is: {', '.join(names) or 'none'}")
     console = Console()
     if not console.is_terminal:
         console = Console(width=max(console.width, NARROWEST))
-    for name in known if benchmark is None else [benchmark]:
+    for name in names if benchmark is None else [benchmark]:
         _print(name, experiments(status.read_all(folder / name)), console)
 
 
 def experiments(stages: list[Status]) -> list[Progress]:
     """Sort stages to the experiments that need them; those of a capture count for each."""
     by_title = {stage.title: stage for stage in stages}
-    found = []
+    result = []
     for stage in sorted(stages, key=lambda stage: stage.title):
         if stage.stage != "train":
             continue
@@ -74,33 +74,34 @@ def experiments(stages: list[Status]) -> list[Progress]:
         titles |= {kind: f"{kind} {name}" for kind in OF_AN_EXPERIMENT}
         order = (*OF_A_CAPTURE, *OF_AN_EXPERIMENT, SPEED)
         stages_of_one = {kind: by_title[titles[kind]] for kind in order if titles[kind] in by_title}
-        found.append(Progress(name, stages_of_one))
-    return found
+        result.append(Progress(name, stages_of_one))
+    return result
 
 
-def _print(name: str, found: list[Progress], console: Console) -> None:
-    counts = Counter(one.state for one in found)
+def _print(name: str, progress: list[Progress], console: Console) -> None:
+    counts = Counter(one.state for one in progress)
     states = ", ".join(f"{counts[state]} {state}" for state in sorted(counts))
-    title = f"Benchmark {name}: {len(found)} experiments: {states}"
-    kinds = list(dict.fromkeys(kind for one in found for kind in one.stages))
+    title = f"Benchmark {name}: {len(progress)} experiments: {states}"
+    kinds = list(dict.fromkeys(kind for one in progress for kind in one.stages))
     table = Table(title=title, title_justify="left")
     for heading in ("Experiment", "State", *kinds):
         table.add_column(heading)
-    for one in found:
+    for one in progress:
         cells = [_cell(one.stages.get(kind)) for kind in kinds]
         table.add_row(one.name, one.state, *cells, style=STYLES.get(one.state))
     console.print(table)
-    notes = {s.title: s.note for one in found for s in one.stages.values() if s.state == "failed"}
+    stages = [stage for one in progress for stage in one.stages.values()]
+    notes = {s.title: s.note for s in stages if s.state == "failed"}
     for stage, note in notes.items():
         console.print(f"{MARKS['failed']} {stage}: {note}", style="red", markup=False)
-    ended = {s.title: s for one in found for s in one.stages.values() if s.note}
+    ended = {s.title: s for s in stages if s.note}
     for title, one_stage in ended.items():
         if one_stage.state in ("done", "cached"):
             console.print(f"! {title}: {one_stage.note}", style="yellow", markup=False)
 
 
 def _cell(stage: Status | None) -> str:
-    """Say in a word how a stage stands."""
+    """Say in a word what a stage does or how it ended."""
     if stage is None or stage.state == "waiting":
         return ""
     if stage.state == "running":

@@ -44,7 +44,7 @@ def watch(folder: Path, total: int, console: Console, lanes: int = 1) -> Iterato
 
     def follow() -> None:
         while not ended.wait(REFRESH_SECONDS):
-            view.show(status.read_all(folder))
+            view.update(status.read_all(folder))
 
     thread = threading.Thread(target=follow, daemon=True)
     with view:
@@ -54,7 +54,7 @@ def watch(folder: Path, total: int, console: Console, lanes: int = 1) -> Iterato
         finally:
             ended.set()
             thread.join()
-            view.show(status.read_all(folder))
+            view.update(status.read_all(folder))
 
 
 def sentence(one: Status) -> str:
@@ -127,7 +127,7 @@ class _Lines:
     def __exit__(self, *_: object) -> None:
         """Nothing to take down."""
 
-    def show(self, stages: list[Status]) -> None:
+    def update(self, stages: list[Status]) -> None:
         done = sum(s.state in MARKS for s in stages)
         for one in self._news.of(stages):
             self._print(f"{done:3d}/{self._total} {sentence(one)}")
@@ -177,7 +177,7 @@ class _Bars:
     def __exit__(self, *_: object) -> None:
         self._progress.stop()
 
-    def show(self, stages: list[Status]) -> None:
+    def update(self, stages: list[Status]) -> None:
         for one in self._news.of(stages):
             style = "red" if one.state == "failed" else None
             self._console.print(sentence(one), style=style, markup=False, highlight=False)

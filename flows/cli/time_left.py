@@ -39,12 +39,12 @@ def seconds_left(stages: Sequence[Status], lanes: int, now: float) -> float | No
     usual = sum(TYPICAL.get(kind, 0.0) * len(found) for kind, found in took.items())
     if not usual:
         return None
-    pace = sum(sum(found) for kind, found in took.items() if kind in TYPICAL) / usual
-    known = {kind: pace * seconds for kind, seconds in TYPICAL.items()}
-    known |= {kind: mean(found) for kind, found in took.items()}
+    pace = sum(sum(times) for kind, times in took.items() if kind in TYPICAL) / usual
+    estimates = {kind: pace * seconds for kind, seconds in TYPICAL.items()}
+    estimates |= {kind: mean(times) for kind, times in took.items()}
     shared = alone = 0.0
     for one in stages:
-        left = _left(one, known.get(one.stage, 0.0), now)
+        left = _left(one, estimates.get(one.stage, 0.0), now)
         if one.stage in ALONE:
             alone += left
         else:

@@ -1,7 +1,7 @@
 """What Prefect's interface shows of a benchmark: how far it is, its tables, where its report lies.
 
-Keys carry the benchmark's name, so that the interface keeps each benchmark's history apart. They
-serve people only: a server that does not take them costs nothing but a warning.
+Keys carry the benchmark's name, so that the interface keeps each benchmark's history apart. No
+result depends on them: an error of the server costs a warning.
 """
 
 import logging
@@ -45,7 +45,7 @@ class ProgressBar:
             made = create_progress_artifact(0.0, key=key, description=self._text(0, 0))
             self._id = cast(UUID, made)  # not a coroutine: no event loop runs here
 
-    def show(self, done: int, failed: int) -> None:
+    def update(self, done: int, failed: int) -> None:
         """Say how many experiments have ended, and how many of them failed."""
         if self._id is not None and self._throttle.passes(done, self._total):
             share = 100.0 * done / self._total
@@ -57,7 +57,7 @@ class ProgressBar:
         return f"{text}, {failed} failed" if failed else text
 
 
-def show_dashboard(name: str, address: str) -> None:
+def publish_dashboard(name: str, address: str) -> None:
     """Link to the dashboard of the Dask cluster that runs the stages."""
     with _only_warned():
         create_link_artifact(
@@ -68,8 +68,8 @@ def show_dashboard(name: str, address: str) -> None:
         )
 
 
-def show_results(name: str, rows: list[Row], report: Path, address: str | None) -> None:
-    """Show the tables, the reasons of failures, and where the report is.
+def publish_results(name: str, rows: list[Row], report: Path, address: str | None) -> None:
+    """Publish the tables, the reasons of failures, and where the report is.
 
     The link leads to ``address``, a page on a server. Without one there is no link, as browsers do
     not follow one from a server to a file: the text names the file and says what serves it.

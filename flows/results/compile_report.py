@@ -48,7 +48,7 @@ def compile_report(
         grid = load_toml(config)
         missing = missing_of(rows, grid, str(config))
         planned = sum(1 for _ in _expected(grid))
-        notes += _missing_told(missing, planned)
+        notes += _missing_sentences(missing, planned)
     with tempfile.TemporaryDirectory(prefix="mattgs-report-") as place:
         return build(
             rows,
@@ -74,7 +74,7 @@ def missing_of(rows: Sequence[Row], config: BenchmarkConfig, source: str) -> lis
             f"{source}: expected benchmark {rows[0]['benchmark']!r}, found {config.name!r}"
         )
     expected = list(_expected(config))
-    known = set()
+    present = set()
     for row in rows:
         cell = Cell.of(row)
         size = f"{row['iterations']}x{row['resolution']}"
@@ -83,8 +83,8 @@ def missing_of(rows: Sequence[Row], config: BenchmarkConfig, source: str) -> lis
         digest = (row.get("provenance") or {}).get("config_digest")
         if digest is not None and digest != config_digest(config, cell):
             raise InputError(f"{source}: {cell} was run with another configuration")
-        known.add(cell)
-    return [cell for cell in expected if cell not in known]
+        present.add(cell)
+    return [cell for cell in expected if cell not in present]
 
 
 def _expected(config: BenchmarkConfig) -> Iterator[Cell]:
@@ -97,7 +97,7 @@ def _sources(parts: Sequence[Part]) -> str:
     return f"Put together from {len(parts)} files of rows: {counts}."
 
 
-def _missing_told(missing: Sequence[Cell], planned: int) -> list[str]:
+def _missing_sentences(missing: Sequence[Cell], planned: int) -> list[str]:
     if not missing:
         return []
     captures: dict[str, list[Cell]] = {}

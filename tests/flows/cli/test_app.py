@@ -69,7 +69,7 @@ def test_bad_photos_end_with_a_plain_message_before_any_work(
 def test_status_of_nothing_says_so(tmp_path: Path) -> None:
     done = mattgs("status", "--out", tmp_path)
     assert done.returncode == 2
-    assert "nothing known of any benchmark" in done.stderr
+    assert "no status of any benchmark" in done.stderr
 
 
 def test_nothing_of_ours_survives_a_refused_run(tmp_path: Path) -> None:

@@ -70,7 +70,7 @@ def test_what_a_dead_process_left_is_interrupted(folder: Path) -> None:
 
 def test_reasons_stand_below_the_table(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     end(folder, "sfm rover", "failed", "no pair of views shows the same scene")
-    status.show(folder.parents[1], None)
+    status.print_status(folder.parents[1], None)
     told = capsys.readouterr().out
     assert "Benchmark b: 2 experiments: 2 failed" in told
     assert told.count("✗ sfm rover: no pair of views shows the same scene") == 1

@@ -51,7 +51,7 @@ def test_status_names_them_with_the_stage_that_made_the_masks(
             file.end("done")
     for row in rows:
         _warn(place, row | {"seconds": {"segment": 1.0, "agree": 2.0}})
-    status.show(place.out, None)
+    status.print_status(place.out, None)
     text = " ".join(capsys.readouterr().out.split())
     assert text.count(TEXT) == 1
     assert f"! agree rover: {TEXT}" in text

@@ -234,6 +234,7 @@ def _scores(place: Place, artifacts: dict[str, Artifact]) -> dict[str, Any]:
     metrics = dict(evaluation["metrics"])
     metrics |= {"time": training["wall_seconds"], "time_cpu": training["cpu_seconds"]}
     found: dict[str, Any] = {"metrics": metrics, "per_view": evaluation["per_view"]}
+    found["capped"] = (training.get("counters") or {}).get("capped", 0)
     # laps of a training and the fixed workload in turns; a resumed one has none
     return found | ({"repeats": {"time": training["laps"]}} if training["laps"] else {})
 

@@ -40,6 +40,11 @@ from reports.tables.origins import Origin, machine_of, measured_on, shared_machi
 HOLE = Entry("–")
 SPEEDS = ("time", "rate")  # kinds of columns that depend on the machine
 PROMOTED = " ★"  # on lines that hold a promoted run
+CAPPED = " ‡"  # on lines that hold a run in which the cap of splats bound
+MARK_NOTES = {
+    PROMOTED: "★ promoted: the baseline of its cell.",
+    CAPPED: "‡ the cap of splats (`train.max_splats`) bound: densification wanted more.",
+}
 MARKS = "abcdefghijklmnopqrstuvwxyz"
 
 
@@ -200,6 +205,7 @@ def lines_of(
         ]
         runs = tuple(str(row["run_id"]) for row in cell.rows if row.get("run_id"))
         star = PROMOTED if any(row.get("promoted") for row in cell.rows) else ""
+        star += CAPPED if any(row.get("capped") for row in cell.rows) else ""
         lines.append(Line(label(cell), tuple(marked), runs, star + _hole_mark(cell, holes)))
     return lines
 
@@ -247,9 +253,9 @@ def _hole_mark(cell: Cell, holes: list[str]) -> str:
     return f" ({mark})"
 
 
-def _promoted_note(groups: Sequence[Group]) -> list[str]:
-    marked = any(PROMOTED in line.marks for group in groups for line in group.lines)
-    return ["★ promoted: the baseline of its cell."] if marked else []
+def _mark_notes(groups: Sequence[Group]) -> list[str]:
+    marks = "".join(line.marks for group in groups for line in group.lines)
+    return [note for mark, note in MARK_NOTES.items() if mark in marks]
 
 
 def make_table(
@@ -263,5 +269,5 @@ def make_table(
     """Make a table whose headings and keys are those of its columns."""
     heads = tuple(column.heading for column in shown)
     keys = tuple(column.key for column in shown)
-    sentences = (*notes, *_promoted_note(groups))
+    sentences = (*notes, *_mark_notes(groups))
     return Table(name, title, heads, keys, tuple(groups), sentences, first)

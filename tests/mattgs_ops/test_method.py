@@ -18,6 +18,18 @@ def test_plain_3dgs_switches_nothing_of_ours_on() -> None:
     assert (plain.weighting, plain.prune, plain.prune_initial) == ("none", "none", False)
 
 
+def test_the_control_has_all_of_ours_plus_that_is_neither_mask_nor_attention() -> None:
+    best, control = METHODS["ours+"], METHODS["3dgs-tuned"]
+    differing = {n for n in MethodConfig.model_fields if getattr(best, n) != getattr(control, n)}
+    assert differing == {
+        *("attention", "weighting", "mask_weight", "weight_ssim"),
+        *("edge_tolerance", "alpha_loss", "prune", "prune_opacity"),
+    }
+    plain = METHODS["3dgs"]
+    assert all(getattr(control, name) == getattr(plain, name) for name in differing)
+    assert MethodConfig.model_validate(best.model_dump()) == best
+
+
 def test_the_threshold_of_splats_without_a_background_is_the_same_unless_it_is_said() -> None:
     same = MethodConfig(densify_absolute=2e-3)
     other = MethodConfig(densify_absolute=2e-3, densify_absolute_nobg=3e-3)
@@ -42,7 +54,9 @@ def test_a_method_like_another_differs_in_what_its_table_says() -> None:
 def test_a_method_like_an_unknown_one_is_refused_by_name(tmp_path: Path) -> None:
     path = tmp_path / "benchmark.toml"
     path.write_text('[methods.mine]\nlike = "mine-too"\n')
-    with pytest.raises(InputError, match=r"methods.*like = 'mine-too': expected one of 3dgs, ours"):
+    with pytest.raises(
+        InputError, match=r"methods.*like = 'mine-too': expected one of 3dgs, 3dgs-tuned, ours"
+    ):
         load_toml(path)
 
 

@@ -254,6 +254,7 @@ class Trainer:
             state.streams["split"],
         )
         state.count("added", len(state.splats) - before)
+        state.count("capped", int(len(state.splats) >= self.config.max_splats))
         huge = 0 < self.schedule.reset_every < step
         removed = faint_or_huge(state.splats, self.config, self.extent, huge=huge)
         state.count("removed_faint_or_huge", int(removed.sum()))

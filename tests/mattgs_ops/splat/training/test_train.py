@@ -163,7 +163,9 @@ def test_progress_reaches_the_end_and_says_how_good_it_is(run: Train) -> None:
 
 def test_the_cap_on_splats_holds(run: Train) -> None:
     assert run("free").splats > 170
-    assert run("capped", config=TrainConfig(max_splats=170)).splats <= 170
+    capped = run("capped", config=TrainConfig(max_splats=170))
+    assert capped.splats <= 170
+    assert capped.counters["capped"] > 0
     below_the_start = run("low", config=TrainConfig(max_splats=100))
     assert below_the_start.starting_splats == 100
     assert below_the_start.splats <= 100

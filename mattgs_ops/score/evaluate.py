@@ -3,7 +3,7 @@
 :func:`render_views` writes 8-bit PNGs of every registered view beside what it should look like::
 
     renders/{test,train}/NAME.png   truth/{test,train}/NAME.png   masks/{test,train}/NAME.png
-    [details/test/NAME.png]   views.json
+    [details/test/NAME.png]   [haze/test/NAME.png]   views.json
 
 :func:`score` reads those files and nothing else, and writes ``evaluation.json``: so what was
 scored can be looked at, and scored again. Test views that structure-from-motion could not place
@@ -25,6 +25,7 @@ from mattgs_ops.capture.scene import Scene, Split
 from mattgs_ops.config import Condition
 from mattgs_ops.errors import InputError, StageError
 from mattgs_ops.progress import Progress, no_progress
+from mattgs_ops.score.haze import haze_map
 from mattgs_ops.score.metrics import IMAGE_METRICS, METRICS, SSIM_REACH, score_view
 from mattgs_ops.splat.attention import paper_attention
 from mattgs_ops.splat.files.ply import read_ply
@@ -47,7 +48,8 @@ SPLITS: tuple[Split, ...] = get_args(Split)
 class RenderedView:
     """One view on disk; ``masked``: it has a mask; ``detailed``: its small structures are known.
 
-    ``exact``: the mask is the one that came with the capture, not the pipeline's.
+    ``exact``: the mask is the one that came with the capture, not the pipeline's. ``hazed``: what
+    hangs in the air before the camera is known.
     """
 
     name: str
@@ -55,6 +57,7 @@ class RenderedView:
     masked: bool
     detailed: bool = False
     exact: bool = False
+    hazed: bool = False
 
 
 @dataclass(frozen=True)
@@ -119,7 +122,7 @@ def render_views(
         raise StageError(
             f"scene {scene.name}: expected test views with a camera, found none of {len(missing)}"
         )
-    splats = read_ply(splats_ply)
+    splats, points = read_ply(splats_ply), scene.points().xyz
     rendered = []
     for index, view in enumerate(chosen):
         target = load_truth(view, condition.background, resolution)
@@ -132,7 +135,12 @@ def render_views(
         if view.ids is not None:
             details = _details(view.ids, target.mask.shape)
             _save(out / "details" / view.split / f"{view.name}.png", details)
-        known = masked, view.ids is not None, view.coverage is not None
+        haze = None
+        if view.split == "test":
+            haze = haze_map(splats, target.camera, points, threads=threads)
+        if haze is not None:
+            _save(out / "haze" / view.split / f"{view.name}.png", _bytes(haze))
+        known = masked, view.ids is not None, view.coverage is not None, haze is not None
         rendered.append(RenderedView(view.name, view.split, *known))
         progress(index + 1, len(chosen), f"{view.name} rendered")
     result = RenderedViews(
@@ -235,7 +243,8 @@ def _score_one(folder: Path, view: RenderedView, ssim_lambda: float) -> dict[str
     mask = _read(folder, "masks", view, "L") >= MASK_THRESHOLD if view.masked else None
     details = _read(folder, "details", view, "L") > 0 if view.detailed else None
     attention = paper_attention(truth.astype(np.float32) / np.float32(255))
-    scores = score_view(image / 255, truth / 255, mask, attention, ssim_lambda, details)
+    haze = _read(folder, "haze", view, "L") / np.float32(255) if view.hazed else None
+    scores = score_view(image / 255, truth / 255, mask, attention, ssim_lambda, details, haze)
     return {"view": view.name, "split": view.split, **scores}
 
 

@@ -11,7 +11,8 @@ The object is scored three times, over the pixels of its mask alone (a backgroun
 multiplied away cannot lower an error there): whole (``mask_``), its core (``core_``: the mask
 eroded by the reach of SSIM's window, so that no window looks at what lies outside) and its rim
 (``rim_``: the rest of the mask, silhouettes and what is thinner than the window). SSIM's map is
-averaged over those very pixels; of whole and rim its windows see what stands beside the object.
+averaged over those very pixels, and so is FLIP's; of whole and rim SSIM's windows see what stands
+beside the object.
 Small structures (screws, wires, print) are the pixels that a renderer's id map names and the mask
 holds.
 """
@@ -25,6 +26,7 @@ from skimage.metrics import structural_similarity
 
 from mattgs_ops.errors import InputError
 from mattgs_ops.score.colour_correction import colour_corrected
+from mattgs_ops.score.perceptual import flip_map
 
 Image = NDArray[np.floating]
 MaskArray = NDArray[np.bool_]
@@ -52,6 +54,8 @@ class Metric:
     version: int = 1
 
 
+# Nobody knows the details of training views, and haze is what those do not see
+HELD_OUT_ONLY = ("haze", "mask_haze", "detail_psnr", "detail_ssim")
 PARTS = ("mask", "core", "rim")  # of an object: whole, core, rim
 
 _IMAGE = (
@@ -71,6 +75,10 @@ _IMAGE = (
     Metric("rim_psnr", "PSNR on rim", +1, "dB", 2, "PSNR over the object's rim"),
     Metric("rim_ssim", "SSIM on rim", +1, "", 3, "SSIM's map over the object's rim"),
     Metric("rim_l1", "L1 on rim", -1, "", 4, "mean absolute difference over the object's rim"),
+    Metric("flip", "FLIP", -1, "", 4, "FLIP's map, how different it looks, over the full frame"),
+    Metric("mask_flip", "FLIP in mask", -1, "", 4, "FLIP's map over the object's pixels"),
+    Metric("core_flip", "FLIP in core", -1, "", 4, "FLIP's map over the object's core"),
+    Metric("rim_flip", "FLIP on rim", -1, "", 4, "FLIP's map over the object's rim"),
     Metric("cc_psnr", "PSNR colour-corrected", +1, "dB", 2, "PSNR after an affine fit of colour"),
     Metric(
         "mask_cc_psnr",
@@ -80,6 +88,8 @@ _IMAGE = (
         2,
         "PSNR over the object's pixels after an affine fit of colour over them",
     ),
+    Metric("haze", "Haze", -1, "", 3, "opacity of what hangs in the air before the camera"),
+    Metric("mask_haze", "Haze in mask", -1, "", 3, "the same over the object's pixels"),
     Metric("detail_psnr", "PSNR small parts", +1, "dB", 2, "PSNR over screws, wires and print"),
     Metric("detail_ssim", "SSIM small parts", +1, "", 3, "SSIM's map averaged over those pixels"),
 )
@@ -91,7 +101,7 @@ _TRAINING = tuple(
         description=f"{metric.description}; training views, the paper's protocol",
     )
     for metric in _IMAGE
-    if not metric.id.startswith("detail_")  # nobody knows the details of training views
+    if metric.id not in HELD_OUT_ONLY
 )
 _RUN = (
     Metric("fps", "FPS", +1, "1/s", 1, "forward renderings of test views a second, no files"),
@@ -190,13 +200,15 @@ def score_view(
     attention: NDArray[np.floating],
     ssim_lambda: float,
     details: MaskArray | None = None,
+    haze: NDArray[np.floating] | None = None,
 ) -> dict[str, float | None]:
     """Return all image metrics of one view by id; None where a metric does not apply.
 
     ``mask`` None: the view has no mask. ``attention`` [H, W] is A of eqs. 9–14 on ``truth``.
-    ``details`` are the small structures' pixels, None where nobody knows them.
+    ``details`` are the small structures' pixels, None where nobody knows them; ``haze`` [H, W] is
+    :func:`mattgs_ops.score.haze.haze_map`'s, None where it is not known.
     """
-    similarity = ssim_map(image, truth)
+    similarity, apparent = ssim_map(image, truth), flip_map(image, truth)
     full_ssim, plain = float(_inner(similarity).mean()), l1(image, truth)
     weighted = weighted_l1(image, truth, attention)
     dissimilar = ssim_lambda * (1 - full_ssim)
@@ -207,9 +219,12 @@ def score_view(
         "loss": (1 - ssim_lambda) * plain + dissimilar,
         "paper_l1": weighted,
         "paper_loss": (1 - ssim_lambda) * weighted + dissimilar,
-        **{f"{part}_{name}": None for part in PARTS for name in ("psnr", "ssim", "l1")},
+        **{f"{p}_{name}": None for p in PARTS for name in ("psnr", "ssim", "l1", "flip")},
+        "flip": float(apparent.mean()),
         "cc_psnr": psnr(colour_corrected(image, truth), truth),
         "mask_cc_psnr": None,
+        "haze": None if haze is None else float(haze.mean()),
+        "mask_haze": None if haze is None or mask is None else _mean(haze[mask]),
         "detail_psnr": None,
         "detail_ssim": None,
     }
@@ -218,6 +233,7 @@ def score_view(
             scores[f"{part}_psnr"] = mask_psnr(image, truth, pixels)
             scores[f"{part}_ssim"] = _mean(similarity[pixels])
             scores[f"{part}_l1"] = mask_l1(image, truth, pixels)
+            scores[f"{part}_flip"] = _mean(apparent[pixels])
         scores["mask_cc_psnr"] = mask_psnr(colour_corrected(image, truth, mask), truth, mask)
     if details is not None:
         small = details if mask is None else details & mask
@@ -226,7 +242,7 @@ def score_view(
     return scores
 
 
-def _mean(values: NDArray[np.float64]) -> float | None:
+def _mean(values: NDArray[np.floating]) -> float | None:
     return float(values.mean()) if values.size else None
 
 

@@ -18,6 +18,7 @@ DISTRIBUTIONS = (
     "pillow",
     "opencv-contrib-python-headless",
     "scikit-image",
+    "flip-evaluator",
     "pycolmap",
     "onnxruntime",
     "prefect",

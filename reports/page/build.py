@@ -19,6 +19,7 @@ from reports.rows.doubts import warnings
 from reports.rows.schema import Row, captures, cells, problems, refused
 from reports.tables import formats, latex, origins, paper, promoted, verdict
 from reports.tables.formats import Table
+from reports.tables.notes import haze_notes
 from reports.tables.side_tables import BUDGETS, all_tables
 
 LARGEST = "Verdicts, pictures and training curves are those of each condition's largest budget."
@@ -69,7 +70,7 @@ def build(
     overall = verdict.overall(one_each)
     judged = [*([] if overall is None else [overall]), *verdict.verdicts(one_each)]
     line = verdict.summary_line(good, planned)
-    notes = [*notes, *([LARGEST] if first else []), *origins.notes(good)]
+    notes = [*notes, *([LARGEST] if first else []), *origins.notes(good), *haze_notes(good)]
     warned = warnings(good)
     html = page.render(
         title=title,

@@ -60,6 +60,12 @@ CORE_AND_RIM = (
     Column("core_l1", "L1 in core", -1, "l1"),
     Column("rim_l1", "L1 on rim", -1, "l1"),
 )
+PERCEPTUAL = (
+    Column("flip", "FLIP", -1, "l1"),
+    Column("mask_flip", "FLIP in mask", -1, "l1"),
+    Column("core_flip", "FLIP in core", -1, "l1"),
+    Column("rim_flip", "FLIP on rim", -1, "l1"),
+)
 TRAINING = (
     Column("train_ssim", "SSIM", +1, "ssim"),
     Column("train_psnr", "PSNR", +1, "db"),

@@ -24,6 +24,8 @@ MASK_NOTE = (
     "well as methods; SSIM's windows see 5 pixels beyond the object, so that across backgrounds "
     "only SSIM in the core compares."
 )
+HAZY = 0.1  # cover from which on a view is hazy: it takes 3 dB from 30 (docs/protocol.md)
+MOST_HAZY = 12  # views named in one note
 SCORED = {  # whose masks scored, as rows say it
     "exact": "scored by the exact masks that came with the capture",
     "pipeline": "scored by the masks that the pipeline made, as no others are known",
@@ -111,6 +113,24 @@ def mask_notes(rows: Sequence[Row]) -> list[str]:
         if names:
             notes.append(f"{', '.join(map(capture_name, names))}: {text}.")
     return notes
+
+
+def haze_notes(rows: Sequence[Row]) -> list[str]:
+    """Name the hazy held-out views: those before whose object a cloud of splats hangs."""
+    found = []
+    for row in rows:
+        for view in held_out_views(row):
+            cover = view.get("mask_haze")
+            cover = view.get("haze") if cover is None else cover
+            if cover is not None and cover >= HAZY:
+                where = f"{capture_name(row['capture'])}, {method_name(row['method'])} on "
+                where += f"{row['background']}, seed {row['seed']}"
+                found.append(f"{where}: {view['view']} ({cover:.2f})")
+    if not found:
+        return []
+    named = "; ".join(found[:MOST_HAZY])
+    more = f"; and {len(found) - MOST_HAZY} more" if len(found) > MOST_HAZY else ""
+    return [f"Hazy held-out views, with the cover of splats in the air before them: {named}{more}."]
 
 
 def parts_known(rows: Sequence[Row]) -> bool:

@@ -26,6 +26,7 @@ from reports.tables.tables import (
     make_table,
     mask_table,
     parts_table,
+    perceptual_table,
     training_table,
 )
 
@@ -266,6 +267,7 @@ def all_tables(rows: Sequence[Row], values: paper.PaperValues | None = None) -> 
     extra = [
         mask_table(rows),
         parts_table(rows),
+        perceptual_table(rows),
         *difference_tables(budgets.largest(rows)),
         training_table(rows),
         quality_table(rows),

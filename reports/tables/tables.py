@@ -140,6 +140,16 @@ def parts_table(rows: Sequence[Row]) -> Table | None:
     return _conditions_table(rows, "table-core-and-rim", title, columns.CORE_AND_RIM, [note])
 
 
+def perceptual_table(rows: Sequence[Row]) -> Table | None:
+    """Scores of how different renderings look; None for rows that have none."""
+    note = (
+        "FLIP (Andersson et al. 2020) at 67 pixels per degree, 0 to 1, the mean over those pixels. "
+        "LPIPS is absent: its networks' weights are not part of this project, which downloads none."
+    )
+    title = "How different it looks, held-out views"
+    return _conditions_table(rows, "table-perceptual", title, columns.PERCEPTUAL, [note])
+
+
 def training_table(rows: Sequence[Row]) -> Table | None:
     """Scores of the views that were trained on: the paper's protocol, and its weighted terms."""
     note = (

@@ -13,7 +13,6 @@ from mattgs_ops.errors import InputError
 from mattgs_ops.score.metrics import METRICS
 from reports.rows import columns
 from reports.tables import formats, paper, side_tables, tables
-from tests.reports.conftest import cell_row
 
 Row = dict[str, Any]
 
@@ -292,27 +291,3 @@ def test_other_programs_are_named_with_what_their_times_are_of(
     assert note.startswith("Other programs: opensplat (1.1.4). Their times are of the whole proc")
     (table,) = tables.capture_tables([make_row("rover", "nobg", "3dgs")])
     assert not any("Other programs" in text for text in table.notes)
-
-
-def test_a_line_whose_splats_were_capped_says_so() -> None:
-    rows = [cell_row("rover", "nobg", "3dgs"), cell_row("rover", "nobg", "ours", capped=3)]
-    (table,) = tables.capture_tables(rows)
-    assert [line.marks for line in table.groups[0].lines] == ["", " ‡"]
-    assert sum("‡ the cap of splats" in note for note in table.notes) == 1
-    (table,) = tables.capture_tables(rows[:1])
-    assert not any("‡" in note for note in table.notes)
-
-
-def test_core_and_rim_have_a_table_and_notes_say_whose_masks_scored() -> None:
-    assert tables.parts_table([cell_row("rover", "nobg", "3dgs")]) is None
-    row = cell_row("rover", "nobg", "3dgs", protocol=2)
-    row["metrics"] |= {"core_psnr": 25.0, "rim_psnr": 21.0}
-    row["masks"] = row["masks"] | {"scored": "exact"}
-    parts = tables.parts_table([row])
-    assert parts is not None
-    assert parts.headings == ("PSNR in core↑", "PSNR on rim↑")
-    masked = tables.mask_table([row])
-    assert masked is not None
-    assert "Rover: scored by the exact masks that came with the capture." in masked.notes
-    assert "Protocol 2." in tables.capture_tables([row])[0].notes[0]
-    assert "Protocol 1." in tables.capture_tables([cell_row("rover", "nobg", "3dgs")])[0].notes[0]

@@ -41,12 +41,13 @@ def operate(arguments: dict[str, Any], out: Path, threads: int, progress: Progre
     from mattgs_ops.splat.files.training_report import TrainingReport
 
     splats, scene = Path(arguments["splats"]), Scene.load(Path(arguments["scene"]))
+    condition = Condition.parse(arguments["condition"])
     sample = arguments["train_views"]
     every = 1 if sample is None else max(1, -(-len(scene.registered("train")) // sample))
     render_views(
         scene,
         splats / "splats.ply",
-        Condition.parse(arguments["condition"]),
+        condition,
         arguments["resolution"],
         out,
         background=TrainingReport.load(splats).background,
@@ -56,4 +57,4 @@ def operate(arguments: dict[str, Any], out: Path, threads: int, progress: Progre
     )
     score(out, ssim_lambda=arguments["ssim_lambda"], progress=progress)
     if arguments.get("another_program"):
-        check_frame(out, scene, splats / "splats.ply")
+        check_frame(out, scene, splats / "splats.ply", condition.background)

@@ -4,13 +4,14 @@ Trainers move, turn and scale scenes to suit themselves, and some forget to undo
 is scored as if the training had failed, which would be a false statement about the method. What
 tells is the training views, which the program has seen. Splats in another frame
 
-* show them worse than no picture at all would, than one flat colour, each photo's mean; or
-* show from each camera something that is no more like its own photo than like the others', as when
-  a scene is turned about its own middle, which leaves a white ground white.
+* show from each camera something that is no more like its own photo than like the others'. So it
+  is when a scene was turned about its own middle, which leaves extents, and a white ground, alone;
+  or
+* show the photos worse than one flat colour would, each photo's mean, and lie elsewhere than the
+  points that the program was given, or are spread otherwise.
 
-No training at work misses either bound: its first hundred steps pass them. Where the splats lie is
-told with it, since extents alone would miss the turn, and refuse a program that fills the distance.
-A change of a few per cent passes, and shows as low scores of the training views.
+Neither half of the second is enough: a short training may be worse than a flat colour, and a good
+one may fill the distance. A change of a few per cent passes, and shows as low scores.
 """
 
 from pathlib import Path
@@ -21,7 +22,9 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from mattgs_ops.capture.scene import Scene
+from mattgs_ops.capture.sparse import OBJECT_SHARE
 from mattgs_ops.errors import StageError
+from mattgs_ops.frozen import Background
 from mattgs_ops.score.evaluate import RenderedViews
 from mattgs_ops.splat.files.ply import read_ply
 
@@ -31,10 +34,12 @@ OWN_SHARE = 0.5  # of the views, whose own photo must be the likest; by chance i
 SMALL = 64  # pixels of the longest side at which renders and photos are compared
 SEEN_OPACITY = 0.1  # fainter splats are no part of what is there
 VISIBLE_LOGIT = float(np.log(SEEN_OPACITY / (1 - SEEN_OPACITY)))
+FARTHEST = 0.25  # of the points' spread, between the medians of splats and points
+WIDEST = 1.5  # times the points' spread, or that part of it
 MIDDLE_HALF = (25, 75)  # percentiles: far splats of a background do not count
 
 
-def check_frame(folder: Path, scene: Scene, splats_ply: Path) -> None:
+def check_frame(folder: Path, scene: Scene, splats_ply: Path, background: Background) -> None:
     """Look at the training views' renders in ``folder``.
 
     Raises :class:`StageError` when they say that the splats are in another frame.
@@ -43,7 +48,9 @@ def check_frame(folder: Path, scene: Scene, splats_ply: Path) -> None:
     own = np.concatenate([((a - b) ** 2).mean(axis=1) for a, b in zip(shown, photos, strict=True)])
     flat = np.concatenate([_spread(b) for b in photos])
     likest = np.concatenate([_is_likest(a, b) for a, b in zip(shown, photos, strict=True)])
-    if own.mean() > flat.mean():
+    away, wider = _displacement(scene, splats_ply, background)
+    elsewhere = away > FARTHEST or not 1 / WIDEST < wider < WIDEST
+    if own.mean() > flat.mean() and elsewhere:
         trouble = (
             f"worse, {_decibels(own):.1f} dB, than one flat colour would, {_decibels(flat):.1f} dB"
         )
@@ -55,7 +62,8 @@ def check_frame(folder: Path, scene: Scene, splats_ply: Path) -> None:
         return
     raise StageError(
         f"its splats show the training views {trouble}: expected splats in the frame of the "
-        f"cameras that were given, found {_where(scene, splats_ply)}. Have the program keep the "
+        f"cameras that were given, found the middle of them {away:.2g} times the points' spread "
+        f"away from theirs, and spread {wider:.2g} times as far. Have the program keep the "
         "cameras' frame, neither centred, scaled nor turned (docs/trainers.md)"
     )
 
@@ -97,19 +105,21 @@ def _decibels(mean_squares: Floats) -> float:
     return float(-10 * np.log10(max(mean_squares.mean(), 1e-12)))
 
 
-def _where(scene: Scene, splats_ply: Path) -> str:
-    """Say how far from the sparse points the splats lie, and how far spread."""
+def _displacement(scene: Scene, splats_ply: Path, background: Background) -> tuple[float, float]:
+    """Return how far from the given points the splats lie, and how much farther spread.
+
+    Both in units of the points' spread; infinitely far where no splat is visible.
+    """
     splats = read_ply(splats_ply)
     visible = splats.opacity_logits.numpy() > VISIBLE_LOGIT
     if not visible.any():
-        return "none that is visible"
+        return float("inf"), 0.0
+    points = scene.points()
+    chosen = points.object_share >= OBJECT_SHARE
+    given = points.xyz[chosen] if background == "nobg" and chosen.any() else points.xyz
+    there, extent = _place(given)
     centre, spread = _place(splats.means.numpy()[visible].astype(np.float64))
-    points, extent = _place(scene.points().xyz)
-    away = np.linalg.norm(centre - points) / extent
-    return (
-        f"the middle of them {away:.2g} times the points' spread away from theirs, and spread "
-        f"{spread / extent:.2g} times as far"
-    )
+    return float(np.linalg.norm(centre - there)) / extent, spread / extent
 
 
 def _place(xyz: Floats) -> tuple[Floats, float]:

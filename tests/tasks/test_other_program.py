@@ -21,6 +21,7 @@ from tasks.stages.status import read
 from tasks.train import train
 
 PEER = Path(__file__).parents[1] / "mattgs_ops" / "trainers" / "peer.py"
+LOAD_FILE = "load.csv"  # how busy the machine was, which every stage notes
 CELL = Cell("ball", "nobg-peer", 0)
 Put = Callable[[Place], Artifact]
 
@@ -45,11 +46,8 @@ def test_its_splats_are_scored_like_any_others(
     config = with_peer(config, "works", layout=layout, version=version)
     splats = train(place, CELL, scene, config)
     folder = place.folder(splats)
-    assert {path.name for path in folder.iterdir()} == {
-        "splats.ply",
-        "training.json",
-        "trainer.json",
-    }, "neither its photos nor whatever else it wrote is kept"
+    kept = {path.name for path in folder.iterdir()} - {LOAD_FILE}
+    assert kept == {"splats.ply", "training.json", "trainer.json"}, "nothing else that it wrote"
     report = TrainingReport.load(folder)
     assert report.splats == len(read_ply(folder / "splats.ply")) == report.starting_splats
     assert report.wall_seconds > 0

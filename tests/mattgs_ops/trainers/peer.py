@@ -47,7 +47,9 @@ def splats(data: Path) -> np.ndarray:
     rows[:, :3] = found[:, :3]
     rows[:, 3:6] = (found[:, 3:] / 255 - 0.5) / SH_CONSTANT
     rows[:, 6] = 2.5
-    rows[:, 7:10] = -2.0
+    apart = np.linalg.norm(found[:, None, :3] - found[None, :, :3], axis=2)
+    near = np.sort(apart, axis=1)[:, 1:4].mean(axis=1)
+    rows[:, 7:10] = np.log(np.median(near) * 0.8)  # of one size: far points are no large splats
     rows[:, 10] = 1.0
     return rows
 

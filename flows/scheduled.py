@@ -1,11 +1,13 @@
 """What runs on a schedule: a grid with the gate on it, the segmenter's training; Prefect flows.
 
-``mattgs serve`` serves :data:`DEPLOYMENTS` from one process. ``prefect.yaml`` deploys the same to a
-work pool; it is generated: ``python -m flows.scheduled [IMAGE] > prefect.yaml``. Relative paths are
-taken from the folder that the worker or server was started in.
+``mattgs serve`` serves :data:`DEPLOYMENTS` from one process, or those of a file ``prefect.yaml``
+(``flows/schedule_file.py``). The project's own deploys the same to a work pool; it is generated:
+``python -m flows.scheduled [IMAGE] > prefect.yaml``. Relative paths are taken from the folder that
+the worker or server was started in.
 """
 
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -245,7 +247,9 @@ def prefect_file(image: str | None = None) -> str:
     return PREFECT_FILE_HEAD + text
 
 
-def runner_deployments(names: frozenset[str], out: Path) -> list[RunnerDeployment]:
+def runner_deployments(
+    names: frozenset[str], out: Path, listed: Sequence[Deployment] = DEPLOYMENTS
+) -> list[RunnerDeployment]:
     """Return the deployments called ``FLOW/NAME`` in ``names``, or all, for one serving process."""
     return [
         RunnerDeployment.from_flow(
@@ -255,17 +259,17 @@ def runner_deployments(names: frozenset[str], out: Path) -> list[RunnerDeploymen
             parameters=one.parameters(out=out),
             description=one.description,
         )
-        for one in DEPLOYMENTS
+        for one in listed
         if not names or str(one) in names
     ]
 
 
-def serve_all(names: frozenset[str], out: Path) -> None:
+def serve_all(names: frozenset[str], out: Path, listed: Sequence[Deployment] = DEPLOYMENTS) -> None:
     """Serve the deployments called ``FLOW/NAME`` in ``names``, or all, until Ctrl-C."""
     from prefect import serve
 
     # one at a time: two grids at once would only slow each other down
-    serve(*runner_deployments(names, out), limit=1, print_starting_message=False)
+    serve(*runner_deployments(names, out, listed), limit=1, print_starting_message=False)
 
 
 if __name__ == "__main__":

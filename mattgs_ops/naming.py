@@ -73,6 +73,11 @@ def slug(text: str, keep: str = FILE_NAME) -> str:
     return re.sub(rf"[^A-Za-z0-9{re.escape(keep)}]+", "-", text)
 
 
+def capture_name(folder: str) -> str:
+    """Turn any folder's name into one that a capture may have."""
+    return slug(folder).strip(FILE_NAME)[:MOST_LETTERS] or "capture"
+
+
 def row_problems(row: Mapping[str, Any]) -> list[str]:
     """Return which fields of an experiment's row cannot be names or paths; none is good.
 

@@ -44,7 +44,8 @@ ROOMS = {
         "services": set(),
         "prefect_ui": set(),
         "results": {"services"},
-        "cli": {"services", "prefect_ui", "results"},
+        "starter": set(),
+        "cli": {"services", "prefect_ui", "results", "starter"},
     },
 }
 # the only modules that talk to MLflow: the registry, and the model flavour that MLflow itself loads

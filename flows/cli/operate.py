@@ -1,8 +1,9 @@
-"""Commands for those who keep it running: ``mattgs clean`` and ``mattgs serve``.
+"""Commands for those who set it up and keep it running: ``mattgs init``, ``clean`` and ``serve``.
 
 Light at the top, as ``flows/cli/app.py``, which registers them.
 """
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -12,8 +13,34 @@ from flows.cli.arguments import DEFAULT_OUT, Out
 
 def register(app: typer.Typer) -> None:
     """Add the commands to the command line."""
+    app.command()(init)
     app.command()(clean)
     app.command()(serve)
+
+
+def init(
+    photos: Annotated[
+        Path | None,
+        typer.Option(
+            help="Photos of one object, or a folder for each object; by default photos/ or images/."
+        ),
+    ] = None,
+    name: Annotated[
+        str | None, typer.Option(help="Name of the benchmark; by default this folder's.")
+    ] = None,
+) -> None:
+    """Write a benchmark of your captures, its gate in CI and its schedule into this folder.
+
+    The files run as they are and explain themselves; files that are there are never overwritten.
+    """
+    from flows.starter.write import write
+
+    written = write(Path(), photos, name)
+    for path in written.files:
+        typer.echo(f"Written: {path}")
+    for note in written.notes:
+        typer.echo(note)
+    typer.echo("Next: mattgs run --config benchmark.toml")
 
 
 def clean(
@@ -42,8 +69,9 @@ def serve(
     port: Annotated[int, typer.Option(help="Port of the Prefect server on this machine.")] = 4200,
     out: Out = DEFAULT_OUT,
 ) -> None:
-    """Run the nightly and weekly grids and the gate when they are due, until Ctrl-C.
+    """Run what is scheduled when it is due, until Ctrl-C: this folder's prefect.yaml.
 
+    Without that file: the project's nightly and weekly grids, and the gate.
     Starts a Prefect server with its web interface, unless PREFECT_API_URL names one.
     """
     from flows.services import serve as serving

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from mattgs_ops.config import BUNDLED, BenchmarkConfig
 from mattgs_ops.config_file import describe, load_toml
 from mattgs_ops.errors import InputError
-from mattgs_ops.naming import FILE_NAME, MOST_LETTERS, slug
+from mattgs_ops.naming import capture_name
 
 COMMAND_LINE = "command line"
 OWN_SOURCES = ("photos", "capture", "video")  # options that name a capture of the user's own
@@ -76,11 +76,6 @@ def size(text: str, option: str) -> tuple[int, int]:
     if found is None:
         raise InputError(f"{option}: expected WIDTHxHEIGHT such as 640x480, found {text!r}")
     return int(found[1]), int(found[2])
-
-
-def capture_name(folder: str) -> str:
-    """Turn any folder's name into one that a capture may have."""
-    return slug(folder).strip(FILE_NAME)[:MOST_LETTERS] or "capture"
 
 
 def _captures(given: Mapping[str, Any]) -> list[dict[str, Any]] | None:

@@ -17,7 +17,9 @@ POLL_SECONDS = 0.2
 
 
 def serve(out: Path, port: int, names: list[str]) -> None:
-    """Serve until Ctrl-C; raises :class:`InputError` for a deployment that does not exist.
+    """Serve the deployments of ``prefect.yaml``, else the project's, until Ctrl-C.
+
+    Raises :class:`InputError` for a deployment that does not exist.
 
     Where Prefect's settings name no API, a server is started on ``port``, its database below
     ``out``; it ends with this process. Reports are served on the next port, so that links in the
@@ -71,21 +73,24 @@ def _wait(process: "subprocess.Popen[bytes]", url: str, log: Path) -> None:
 
 
 def _check(names: list[str]) -> None:
-    from flows.scheduled import DEPLOYMENTS
+    from flows.schedule_file import deployments
 
-    deployments = [str(one) for one in DEPLOYMENTS]
+    listed = [str(one) for one in deployments()]
     for name in names:
-        if name not in deployments:
-            raise InputError(f"{name}: expected one of {', '.join(deployments)}")
+        if name not in listed:
+            raise InputError(f"{name}: expected one of {', '.join(listed)}")
 
 
 def _serve(url: str, reports: str, names: list[str], out: Path) -> None:
-    from flows.scheduled import DEPLOYMENTS, serve_all
+    from flows.schedule_file import deployments
+    from flows.scheduled import serve_all
+
+    listed = deployments()
 
     sys.stdout.write(f"Prefect: {url.removesuffix('/api')} (Ctrl-C ends)\nReports: {reports}\n")
-    for one in DEPLOYMENTS:
+    for one in listed:
         if not names or str(one) in names:
             sys.stdout.write(f"  {one!s:<20} {one.cron or 'on request'}\n")
     sys.stdout.flush()
     with prefect_settings.using(url):
-        serve_all(frozenset(names), out)
+        serve_all(frozenset(names), out, listed)

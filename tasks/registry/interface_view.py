@@ -13,6 +13,7 @@ KEY, NAME = "mattgs", "Benchmark"
 QUERY = f"viewStateShareKey={KEY}"
 VIEW_TAG = f"mlflow.sharedViewState.{KEY}"
 CREATED = 1_700_000_000_000  # milliseconds; the interface wants a date, and the same one does
+ATTRIBUTES = ("Dataset", "Source", "Models")  # as the interface calls its own columns
 TAGS = ("capture", "background", "method", "seed", "status")
 COLUMNS = ("ssim", "psnr", "l1", "loss", "fps", "time", "size_mb")
 IN_MASK = ("mask_psnr", "core_psnr", "rim_psnr", "core_ssim")
@@ -37,7 +38,8 @@ def file_address(tracking_uri: str, experiment: str, run_id: str, file: str) -> 
 
 def experiment_tags() -> dict[str, str]:
     """Return the tags of a benchmark's MLflow experiment."""
-    shown = [f"tags.`{name}`" for name in TAGS]
+    shown = [f"attributes.`{name}`" for name in ATTRIBUTES]
+    shown += [f"tags.`{name}`" for name in TAGS]
     shown += [f"metrics.`{name}`" for name in (*COLUMNS, *IN_MASK) if name in METRICS]
     state = {
         "selectedColumns": shown,

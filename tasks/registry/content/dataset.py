@@ -9,7 +9,7 @@ from urllib.parse import urlparse
 
 from tasks.registry.content.about import About
 
-DIGEST_LETTERS = 32  # MLflow takes 36
+DIGEST_LETTERS = 12  # MLflow takes 36, and its interface shows them all in a narrow column
 CONTEXT_TAG = "mlflow.data.context"  # MLflow's own: what the run used the dataset for
 
 

@@ -25,6 +25,12 @@ def test_charts_show_metrics_that_runs_have() -> None:
     assert asked - curves - {None} <= set(METRICS)
 
 
+def test_the_view_shows_the_columns_of_the_interface_that_runs_fill() -> None:
+    columns = state()["selectedColumns"]
+    assert {"attributes.`Dataset`", "attributes.`Source`", "attributes.`Models`"} <= set(columns)
+    assert {"tags.`capture`", "metrics.`mask_psnr`"} <= set(columns)
+
+
 def test_charts_are_told_apart_and_lie_in_a_section_that_is_shown() -> None:
     found = state()
     (section,) = found["compareRunSections"]

@@ -25,8 +25,8 @@ def describe(error: ValidationError, where: str) -> InputError:
 def load_toml(path: Path) -> BenchmarkConfig:
     """Read a benchmark's TOML file; raises :class:`InputError` naming file and field.
 
-    Relative paths of captures and masks are taken from the file's own folder, which is also what
-    ``{here}`` means to trainers.
+    Relative paths of captures, masks and ``lpips`` are taken from the file's own folder, which is
+    also what ``{here}`` means to trainers.
     """
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -37,6 +37,10 @@ def load_toml(path: Path) -> BenchmarkConfig:
         for key in ("path", "masks"):
             if isinstance(capture, dict) and isinstance(capture.get(key), str):
                 capture[key] = str((path.parent / capture[key]).resolve())
+    if isinstance(data.get("lpips"), str):
+        data["lpips"] = str((path.parent / data["lpips"]).resolve())
+        if not Path(data["lpips"]).is_file():
+            raise InputError(f"{path}: `lpips`: expected a file of weights at {data['lpips']}")
     trainers = data.get("trainers")
     for trainer in trainers.values() if isinstance(trainers, dict) else []:
         if isinstance(trainer, dict):

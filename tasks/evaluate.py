@@ -5,6 +5,7 @@ from typing import Any
 
 from mattgs_ops.config import BenchmarkConfig, Condition
 from mattgs_ops.progress import Progress
+from mattgs_ops.store.digests import file_digest
 from tasks.stages.stage import Artifact, Cell, Place, Stage, perform
 
 
@@ -18,6 +19,8 @@ def evaluate(
         "ssim_lambda": config.train.ssim_lambda,
         "train_views": config.scored_train_views,
     }
+    if config.lpips is not None:
+        settings["lpips"] = file_digest(config.lpips)
     if Condition.parse(cell.condition).method in config.trainers:
         settings["another_program"] = True
     stage = Stage(
@@ -28,6 +31,9 @@ def evaluate(
         parameters=settings,
         inputs={"scene": scene.digest, "splats": splats.digest},
         arguments=settings
+        | {
+            "weights": None if config.lpips is None else str(config.lpips.resolve()),
+        }
         | {"scene": str(place.folder(scene)), "splats": str(place.folder(splats))},
     )
     return perform(place, stage)
@@ -55,6 +61,12 @@ def operate(arguments: dict[str, Any], out: Path, threads: int, progress: Progre
         threads=threads,
         progress=progress,
     )
-    score(out, ssim_lambda=arguments["ssim_lambda"], progress=progress)
+    weights = arguments["weights"]
+    score(
+        out,
+        ssim_lambda=arguments["ssim_lambda"],
+        lpips=None if weights is None else Path(weights),
+        progress=progress,
+    )
     if arguments.get("another_program"):
         check_frame(out, scene, splats / "splats.ply", condition.background)

@@ -66,6 +66,8 @@ def settings(config: BenchmarkConfig, cell: Cell) -> dict[str, Any]:
     training = config.train_settings(cell.capture, cell.budget)
     values["train"] |= {"exposure": training.exposure, "max_splats": training.max_splats}
     values["segment"]["model"] = "bundled" if model is None else file_digest(model)
+    if config.lpips is not None:
+        values["lpips"] = file_digest(config.lpips)
     return {
         "capture": cell.capture,
         "capture_kind": "bundled" if capture.path is None else capture.kind,
@@ -212,6 +214,8 @@ def config_digest(config: BenchmarkConfig, cell: Cell) -> str:
     changed = {name: value for name, value in changed.items() if value != {}}
     if "model" in changed.get("segment", {}):
         changed["segment"]["model"] = requested["segment"]["model"]
+    if "lpips" in requested:
+        changed["lpips"] = requested["lpips"]
     trainer = config.trainers.get(requested["method"])
     own = trainer or config.methods.get(requested["method"])
     places = None if trainer is None else {"folder", "timeout"}

@@ -26,6 +26,7 @@ from mattgs_ops.config import Condition
 from mattgs_ops.errors import InputError, StageError
 from mattgs_ops.progress import Progress, no_progress
 from mattgs_ops.score.haze import haze_map
+from mattgs_ops.score.lpips import Lpips
 from mattgs_ops.score.metrics import IMAGE_METRICS, METRICS, SSIM_REACH, score_view
 from mattgs_ops.splat.attention import paper_attention
 from mattgs_ops.splat.files.ply import read_ply
@@ -160,7 +161,11 @@ def render_views(
 
 
 def score(
-    folder: Path, *, ssim_lambda: float = 0.2, progress: Progress = no_progress
+    folder: Path,
+    *,
+    ssim_lambda: float = 0.2,
+    lpips: Path | None = None,
+    progress: Progress = no_progress,
 ) -> dict[str, Any]:
     """Score the renders stored in ``folder`` and write its ``evaluation.json``.
 
@@ -168,13 +173,14 @@ def score(
     where no view has the metric), ``per_view`` (a list of objects with ``view``, ``split`` and the
     image metrics), ``missing`` (test views that could not be rendered), ``counts`` of what went
     into each mean, and digests of what was scored, truth and masks by their pixels on held-out
-    views. ``ssim_lambda`` is λ of the loss. Raises
+    views. ``ssim_lambda`` is λ of the loss, ``lpips`` a file of LPIPS's weights. Raises
     :class:`InputError` for files that are missing or do not fit each other.
     """
     rendered = RenderedViews.load(folder)
+    network = None if lpips is None else Lpips.load(lpips)
     per_view: list[dict[str, Any]] = []
     for index, view in enumerate(rendered.views):
-        per_view.append(_score_one(folder, view, ssim_lambda))
+        per_view.append(_score_one(folder, view, ssim_lambda, network))
         progress(index + 1, len(rendered.views), f"{view.name} scored")
     metrics: dict[str, float] = {}
     counts: dict[str, int] = {}
@@ -232,7 +238,9 @@ def _what_decides(folder: Path, rendered: RenderedViews) -> dict[str, str]:
     }
 
 
-def _score_one(folder: Path, view: RenderedView, ssim_lambda: float) -> dict[str, Any]:
+def _score_one(
+    folder: Path, view: RenderedView, ssim_lambda: float, lpips: Lpips | None
+) -> dict[str, Any]:
     image = _read(folder, "renders", view, "RGB")
     truth = _read(folder, "truth", view, "RGB")
     if image.shape != truth.shape:
@@ -244,7 +252,8 @@ def _score_one(folder: Path, view: RenderedView, ssim_lambda: float) -> dict[str
     details = _read(folder, "details", view, "L") > 0 if view.detailed else None
     attention = paper_attention(truth.astype(np.float32) / np.float32(255))
     haze = _read(folder, "haze", view, "L") / np.float32(255) if view.hazed else None
-    scores = score_view(image / 255, truth / 255, mask, attention, ssim_lambda, details, haze)
+    images = image / 255, truth / 255
+    scores = score_view(*images, mask, attention, ssim_lambda, details, haze, lpips)
     return {"view": view.name, "split": view.split, **scores}
 
 

@@ -26,6 +26,7 @@ from skimage.metrics import structural_similarity
 
 from mattgs_ops.errors import InputError
 from mattgs_ops.score.colour_correction import colour_corrected
+from mattgs_ops.score.lpips import Lpips
 from mattgs_ops.score.perceptual import flip_map
 
 Image = NDArray[np.floating]
@@ -79,6 +80,7 @@ _IMAGE = (
     Metric("mask_flip", "FLIP in mask", -1, "", 4, "FLIP's map over the object's pixels"),
     Metric("core_flip", "FLIP in core", -1, "", 4, "FLIP's map over the object's core"),
     Metric("rim_flip", "FLIP on rim", -1, "", 4, "FLIP's map over the object's rim"),
+    Metric("lpips", "LPIPS", -1, "", 4, "learned perceptual distance, by the user's weights"),
     Metric("cc_psnr", "PSNR colour-corrected", +1, "dB", 2, "PSNR after an affine fit of colour"),
     Metric(
         "mask_cc_psnr",
@@ -201,12 +203,14 @@ def score_view(
     ssim_lambda: float,
     details: MaskArray | None = None,
     haze: NDArray[np.floating] | None = None,
+    lpips: Lpips | None = None,
 ) -> dict[str, float | None]:
     """Return all image metrics of one view by id; None where a metric does not apply.
 
     ``mask`` None: the view has no mask. ``attention`` [H, W] is A of eqs. 9–14 on ``truth``.
     ``details`` are the small structures' pixels, None where nobody knows them; ``haze`` [H, W] is
-    :func:`mattgs_ops.score.haze.haze_map`'s, None where it is not known.
+    :func:`mattgs_ops.score.haze.haze_map`'s, None where it is not known; ``lpips`` None: the
+    user named no weights.
     """
     similarity, apparent = ssim_map(image, truth), flip_map(image, truth)
     full_ssim, plain = float(_inner(similarity).mean()), l1(image, truth)
@@ -223,6 +227,7 @@ def score_view(
         "flip": float(apparent.mean()),
         "cc_psnr": psnr(colour_corrected(image, truth), truth),
         "mask_cc_psnr": None,
+        "lpips": None if lpips is None else lpips.distance(image, truth),
         "haze": None if haze is None else float(haze.mean()),
         "mask_haze": None if haze is None or mask is None else _mean(haze[mask]),
         "detail_psnr": None,

@@ -41,6 +41,10 @@ HOLE = Entry("–")
 SPEEDS = ("time", "rate")  # kinds of columns that depend on the machine
 PROMOTED = " ★"  # on lines that hold a promoted run
 CAPPED = " ‡"  # on lines that hold a run in which the cap of splats bound
+NO_LPIPS = (
+    "LPIPS is absent: the benchmark's file names no weights for it (`lpips`), and none come with "
+    "this project."
+)
 MARK_NOTES = {
     PROMOTED: "★ promoted: the baseline of its cell.",
     CAPPED: "‡ the cap of splats (`train.max_splats`) bound: densification wanted more.",
@@ -142,12 +146,11 @@ def parts_table(rows: Sequence[Row]) -> Table | None:
 
 def perceptual_table(rows: Sequence[Row]) -> Table | None:
     """Scores of how different renderings look; None for rows that have none."""
-    note = (
-        "FLIP (Andersson et al. 2020) at 67 pixels per degree, 0 to 1, the mean over those pixels. "
-        "LPIPS is absent: its networks' weights are not part of this project, which downloads none."
-    )
+    notes = ["FLIP (Andersson et al. 2020) at 67 pixels per degree, 0 to 1, the mean over its map."]
+    if not any("lpips" in row["metrics"] for cell in cells(rows) for row in cell.finished):
+        notes.append(NO_LPIPS)
     title = "How different it looks, held-out views"
-    return _conditions_table(rows, "table-perceptual", title, columns.PERCEPTUAL, [note])
+    return _conditions_table(rows, "table-perceptual", title, columns.PERCEPTUAL, notes)
 
 
 def training_table(rows: Sequence[Row]) -> Table | None:

@@ -126,7 +126,7 @@ def test_a_trainer_is_a_method_like_any_other(tmp_path: Path) -> None:
         ("command = [", 'progress = "step"\ncommand = [', "a group around the step's number"),
         ("command = [", 'progress = "("\ncommand = [', "not a regular expression"),
         ('command = ["{here}/train.sh", "{data}", "-o", "{output}"]', "command = []", "a program"),
-        ("nobg-peer", "nobg-other", "expected one of 3dgs, ours, ours[+], peer"),
+        ("nobg-peer", "nobg-other", "expected one of 3dgs, 3dgs-tuned, ours, ours[+], peer"),
     ],
 )
 def test_a_trainer_that_cannot_work_is_refused_by_name(
@@ -146,3 +146,15 @@ def test_budgets_go_to_all_that_can_keep_to_them(tmp_path: Path) -> None:
     assert config.train_settings("rover", 5000).max_splats == 5000
     with pytest.raises(InputError, match=r"`budgets`: expected 100 splats at least, found 3"):
         load_toml(write(tmp_path, "budgets = [3]\n"))
+
+
+def test_weights_of_lpips_lie_beside_the_benchmarks_file_and_are_sought_at_once(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "benchmark.toml"
+    path.write_text('lpips = "alex.pth"\n')
+    with pytest.raises(InputError, match=r"`lpips`: expected a file of weights at .*alex\.pth"):
+        load_toml(path)
+    (tmp_path / "alex.pth").write_bytes(b"x")
+    assert load_toml(path).lpips == tmp_path / "alex.pth"
+    assert BenchmarkConfig().lpips is None

@@ -38,3 +38,18 @@ def test_hazy_views_are_named_by_their_measure_alone() -> None:
     assert "Rover, 3DGS on original, seed 0: 0008.jpg (0.31)" in note
     assert "0016.jpg (0.20)" in note  # no mask is known there
     assert "0000.jpg" not in note
+
+
+def test_a_table_without_lpips_says_why() -> None:
+    row = cell_row("rover", "nobg", "3dgs")
+    assert tables.perceptual_table([row]) is None
+    row["metrics"]["flip"] = 0.1
+    table = tables.perceptual_table([row])
+    assert table is not None
+    assert table.headings == ("FLIP↓",)
+    assert any("LPIPS is absent" in note for note in table.notes)
+    row["metrics"]["lpips"] = 0.2
+    table = tables.perceptual_table([row])
+    assert table is not None
+    assert table.headings == ("FLIP↓", "LPIPS↓")
+    assert not any("absent" in note for note in table.notes)

@@ -5,8 +5,8 @@ only look like parts. Splats know more: two of them touch where their ellipsoids
 deviations large, meet along the line between their centres. Above the ground that the object stands
 on, this graph falls apart into things:
 
-1. Splats that the views' votes are sure of are the core. Pieces of it that touch nothing of the
-   largest one and lie wholly outside the object's radius are other things: they are dropped.
+1. Splats that the views' votes are certain about are the core. Pieces of it that touch nothing of
+   the largest one and lie wholly outside the object's radius are other things: they are dropped.
 2. What is not core falls into connected parts. A part joins when more of its touches are with
    the core than with what cannot be object: ground, dropped pieces, or what is far away. A mast's
    head touches the mast alone; a box beside the object touches the ground along all its foot.
@@ -28,7 +28,7 @@ from mattgs_ops.splat.gaussians import Splats
 from mattgs_ops.splat.training.densify import rotation_matrices
 
 TOUCH = 2.0  # deviations: where a splat has faded to an eighth
-NEIGHBOURS = 24  # asked for touches; with twelve, dense spots are islands of their own
+NEIGHBOURS = 24  # tried for touches; with twelve, dense spots are islands of their own
 FAR = 2.5  # radii from the object's middle: nothing farther joins
 RIM = 0.5  # radii beyond that, where splats still count as what a part touches
 STRANDED = 1.0  # radii: pieces of the core that begin farther out are other things
@@ -65,25 +65,27 @@ class Touches:
         return total
 
 
-def attached(splats: Splats, sure: Flags, solid: Flags, raised: Flags, distances: Floats) -> Flags:
+def attached(
+    splats: Splats, certain: Flags, solid: Flags, raised: Flags, distances: Floats
+) -> Flags:
     """Return which splats [N] are the object's.
 
-    ``sure``: the votes say so; ``solid``: opaque enough, and seen; ``raised``: above the ground;
+    ``certain``: the votes say so; ``solid``: opaque enough, and seen; ``raised``: above the ground;
     ``distances`` from the object's middle, in its radii.
     """
     index = np.flatnonzero(solid & (distances < FAR + RIM))
     allowed = raised & (distances < FAR)
-    if not (sure & allowed)[index].any():
-        return sure & allowed
+    if not (certain & allowed)[index].any():
+        return certain & allowed
     means = splats.means.numpy().astype(np.float64)
     touches = touching(means[index], spreads(splats)[index])
-    chosen = grown(touches, (sure & allowed)[index], allowed[index], distances[index])
+    chosen = grown(touches, (certain & allowed)[index], allowed[index], distances[index])
     belongs = np.zeros(len(means), dtype=np.bool_)
     belongs[index] = chosen.core | chosen.joined
     faint = np.setdiff1d(np.flatnonzero(allowed), index)
     nearest = cKDTree(means[index]).query(means[faint])[1]
-    dropped = (sure & allowed)[index] & ~chosen.core
-    belongs[faint] = chosen.joined[nearest] | (sure[faint] & ~dropped[nearest])
+    dropped = (certain & allowed)[index] & ~chosen.core
+    belongs[faint] = chosen.joined[nearest] | (certain[faint] & ~dropped[nearest])
     return belongs
 
 
@@ -95,15 +97,15 @@ class Grown:
     joined: Flags
 
 
-def grown(touches: Touches, sure: Flags, allowed: Flags, distances: Floats) -> Grown:
+def grown(touches: Touches, certain: Flags, allowed: Flags, distances: Floats) -> Grown:
     """Let parts join the core as the module's docstring says; all arguments are [N]."""
-    parts = touches.parts(sure)
-    sizes = np.bincount(parts[sure], minlength=int(parts.max()) + 1)
+    parts = touches.parts(certain)
+    sizes = np.bincount(parts[certain], minlength=int(parts.max()) + 1)
     begins = np.full(len(sizes), np.inf)
     np.minimum.at(begins, parts, distances)
     main = np.arange(len(sizes)) == int(sizes.argmax())
-    core: Flags = sure & (main | (begins < STRANDED))[parts]
-    rest = allowed & ~core & ~sure
+    core: Flags = certain & (main | (begins < STRANDED))[parts]
+    rest = allowed & ~core & ~certain
     never = ~core & ~rest
     parts = touches.parts(rest)
     gains = touches.counts(parts, rest, core) > touches.counts(parts, rest, never)
@@ -113,11 +115,11 @@ def grown(touches: Touches, sure: Flags, allowed: Flags, distances: Floats) -> G
 def touching(means: Floats, spreads: Floats, neighbours: int = NEIGHBOURS) -> Touches:
     """Find which of the splats touch: ``means`` [N, 3], ``spreads`` [N, 3, 3] with Σ = S Sᵀ.
 
-    Each splat's nearest ``neighbours`` are asked.
+    Only each splat's nearest ``neighbours`` are tried.
     """
-    asked = min(neighbours, len(means) - 1)
-    distances, found = cKDTree(means).query(means, k=np.arange(2, asked + 2))
-    first = np.repeat(np.arange(len(means), dtype=np.int64), asked)
+    count = min(neighbours, len(means) - 1)
+    distances, found = cKDTree(means).query(means, k=np.arange(2, count + 2))
+    first = np.repeat(np.arange(len(means), dtype=np.int64), count)
     second, lengths = found.ravel().astype(np.int64), distances.ravel()
     ways = (means[second] - means[first]) / np.maximum(lengths, np.finfo(float).tiny)[:, None]
     deviations = [_deviation(spreads[which], ways) for which in (first, second)]

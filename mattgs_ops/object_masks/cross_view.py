@@ -1,14 +1,14 @@
 """Masks that all views agree on: what several photos show corrects the map of each.
 
-A single photo's map leaks into clutter or misses a part, elsewhere in every photo. Two witnesses
-know more: the silhouettes of the other views (``silhouettes``), and splats of a short training that
-ask all maps (``splat_votes``). ``decision`` weighs both against the maps, for the capture and for
-each view: on textured ground votes make the masks, on plain ground they may know nothing, and maps
-are only corrected.
+A single photo's map leaks into clutter or misses a part, in other places in every photo. Two more
+sources correct it: the silhouettes of the other views (``silhouettes``), and votes of all maps on
+the splats of a short training (``splat_votes``). ``decision`` compares both with the maps, for the
+capture and for each view: on textured ground votes make the masks; on plain ground they may mean
+nothing, and maps are only corrected.
 
 ``agree(scene, capture, out)`` copies a scene with new masks, soft maps and votes of the points, and
-a new ``masks.json``. The training views alone are the witnesses: masks of held-out views are made
-by what those have settled, from their own map and photo, and change nothing else. The scene's
+a new ``masks.json``. Only training views decide: masks of held-out views follow from that decision
+and their own map and photo, and change nothing else. The scene's
 ``soft/`` and ``masks.json`` are those of the photos' own maps.
 ``extra["agreement"]`` of the new scene holds the decision with its numbers.
 """
@@ -75,8 +75,8 @@ def agree(
         scene, iterations=ITERATIONS, resolution=RESOLUTION, threads=threads, progress=progress
     )
     shown = [_camera(view, RESOLUTION) for view in views]
-    asked = [_camera(view, VOTING) for view in views]
-    votes = splat_votes.collect(splats, asked, shown, maps, trained=trained, threads=threads)
+    voting = [_camera(view, VOTING) for view in views]
+    votes = splat_votes.collect(splats, voting, shown, maps, trained=trained, threads=threads)
     photos = [_photo(view, camera) for view, camera in zip(views, shown, strict=True)]
     names = [view.name for view in views]
     decision, agreed = decide(names, photos, _shrunk(maps, shown), outlines, votes, trained)
@@ -87,8 +87,8 @@ def agree(
 
 def _told(decision: Decision, ground: Plane | None) -> dict[str, Any]:
     """Return the decision as JSON values, rounded."""
-    told: dict[str, Any] = _rounded(asdict(decision))
-    return told | {"ground_share": None if ground is None else round(ground.share, 4)}
+    summary: dict[str, Any] = _rounded(asdict(decision))
+    return summary | {"ground_share": None if ground is None else round(ground.share, 4)}
 
 
 def _rounded(value: Any) -> Any:

@@ -1,22 +1,22 @@
-"""Whom to believe: the splats' votes, or the photos' own maps and the silhouettes they share.
+"""Whether masks come from the splats' votes, or from the photos' own maps and shared silhouettes.
 
-The truth is unknown, but each view's own map is a witness that both can be held against:
+The true masks are unknown, but both can be compared with each view's own map:
 
-- ``silhouettes`` is how well a view's map is met by what the *other* maps say by outlines alone
-  (``silhouettes``; mean IoU). Right maps meet each other, on black cloth as on a desk.
-- ``votes`` is how well it is met by splats that asked the *other* maps, each splat wholly object or
-  not at all. Splats that know where surfaces are meet maps better than outlines do, because they
-  know what is in front of what. Haze in textureless space meets them worse.
+- ``silhouettes`` is the mean IoU of a view's map with the outline that the *other* maps predict for
+  it (``silhouettes``). Correct maps agree with each other, on black cloth as on a desk.
+- ``votes`` is its mean IoU with splats on which the *other* maps voted, each splat either object or
+  not. Splats on the true surfaces agree with maps better than outlines do, because they occlude
+  each other. Haze in textureless space agrees worse.
 
-The photos are the other witness: an outline that runs through even black cloth is nobody's. So each
-agreement counts times the share of the outlines, of votes and of maps, that lies on photos' edges.
-Where votes come out at least as well, they are the masks, each view's own map notwithstanding.
-Elsewhere a view's own map is corrected, not replaced: own map, silhouettes and votes are averaged
-with weights by how well each was met.
+The photos are the second test: no object ends in the middle of even black cloth. Each agreement is
+therefore multiplied by the share of the outlines, of votes and of maps, that lies on photos' edges.
+Where votes score at least as well, they are the masks, even against a view's own map. Elsewhere a
+view's own map is corrected, not replaced: the average of own map, silhouettes and votes, weighted
+by their agreement.
 
-Parts that are attached to the object (``attached_parts``) join where they are few and where the
-photos confirm the outlines that they make. Both are asked of the capture; one view whose voted
-outline is denied by its photo, and meets its map worse than silhouettes do, keeps the averaged one.
+Parts attached to the object (``attached_parts``) join where they are few and where the photos
+confirm their outlines. Both decisions are for the capture. A single view keeps the averaged mask if
+its photo does not confirm the voted outline and silhouettes agree better with its map.
 """
 
 from collections.abc import Sequence
@@ -37,34 +37,34 @@ EDGE_REACH = 2  # pixels, at the size of the answers, between an outline and the
 # Outlines are coarse, and fur has no edge: some of each runs beside the photo's edges. A quarter
 # more of it than of the outline that it would replace is not that.
 UNCONFIRMED = 0.25
-MOST_ATTACHED = 0.5  # of the area that the votes are sure of: what adds more is no correction
+MOST_ATTACHED = 0.5  # of the certain area: what adds more is no correction
 NO_COUNTS = 2.0  # times a yes, of silhouettes
 COARSE = 2 / 128  # of the longest side: two pixels of those that silhouettes are compared at
 BEST = 0.99  # agreement above it counts as this much: weights stay finite
 
-Believed = Literal["votes", "maps"]
+Source = Literal["votes", "maps"]
 Bits = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class ViewEvidence:
-    """One view: IoU of its own map with silhouettes and votes, and whom its mask follows."""
+    """One view: IoU of its own map with silhouettes and votes, and the source of its mask."""
 
     name: str
     silhouettes: float
     votes: float | None
-    masks: Believed
+    masks: Source
 
 
 @dataclass(frozen=True)
 class Decision:
-    """Whose masks a capture gets, and the numbers that say why; all shares are 0 to 1.
+    """Where a capture's masks come from, and the numbers that say why; all shares are 0 to 1.
 
     ``confirmed`` is the share of outlines that lies on an edge of the photo, by whose outline it
     is; ``attached`` the area that attached parts add to that of the votes.
     """
 
-    masks: Believed
+    masks: Source
     reason: str
     silhouettes: float
     votes: float | None
@@ -85,75 +85,79 @@ def decide(
     """Return the decision, and each view's map [H, W] in [0, 1]: 0.5 is the outline.
 
     ``photos`` [H, W, 3] and ``own`` [H, W] have the size of the votes. What holds for the capture
-    is decided by the views that are ``trained`` on (None: all are); the others get their masks by
-    that decision, and change it in nothing.
+    is decided by the views that are ``trained`` on (None: all are); the others get masks by that
+    decision and do not influence it.
     """
-    heard = [index for index in range(len(names)) if trained is None or trained[index]]
+    deciding = [index for index in range(len(names)) if trained is None or trained[index]]
     edges = [_edges(photo) for photo in photos]
     others = [
         _resized(soft, mine.shape) for soft, mine in zip(silhouettes.predicted, own, strict=True)
     ]
     by_outline = _overlaps(own, others)
-    met = silhouettes.mean
-    confirmed = {"maps": _confirmed(own, edges, heard)}
+    outline_agreement = silhouettes.mean
+    confirmed = {"maps": _confirmed(own, edges, deciding)}
     if votes is None:
         reason = "no splat is salient to the views"
         views = tuple(
             ViewEvidence(name, one, None, "maps")
             for name, one in zip(names, by_outline, strict=True)
         )
-        maps = _fused(own, others, own, met, 0.0)
-        return Decision("maps", reason, met, None, confirmed, 0.0, False, views), maps
-    by_votes = _overlaps(own, votes.sure)
-    met_by_votes = float(np.mean(votes.agreement))
-    confirmed["votes"] = _confirmed(votes.sure, edges, heard)
-    confirmed["attached"] = _confirmed(votes.whole, edges, heard)
-    attached = max(0.0, _area(votes.whole, heard) / max(_area(votes.sure, heard), 1e-9) - 1)
+        maps = _fused(own, others, own, outline_agreement, 0.0)
+        return Decision("maps", reason, outline_agreement, None, confirmed, 0.0, False, views), maps
+    by_votes = _overlaps(own, votes.certain)
+    votes_agreement = float(np.mean(votes.agreement))
+    confirmed["votes"] = _confirmed(votes.certain, edges, deciding)
+    confirmed["attached"] = _confirmed(votes.with_parts, edges, deciding)
+    attached = max(
+        0.0, _area(votes.with_parts, deciding) / max(_area(votes.certain, deciding), 1e-9) - 1
+    )
     joins = attached <= MOST_ATTACHED and confirmed["attached"] >= confirmed["votes"] - UNCONFIRMED
-    voted = votes.whole if joins else votes.sure
-    doubt = _doubt(met, met_by_votes, confirmed)
-    believed = [
-        _believed(doubt, *view)
+    voted = votes.with_parts if joins else votes.certain
+    objection = _objection(outline_agreement, votes_agreement, confirmed)
+    sources = [
+        _source(objection, *view)
         for view in zip(own, voted, edges, by_outline, by_votes, strict=True)
     ]
     predicted = [
         _resized(soft, mine.shape) for soft, mine in zip(votes.predicted, own, strict=True)
     ]
-    fused = _fused(own, others, predicted, met, float(np.mean(votes.soft_agreement)))
-    maps = [v if who == "votes" else f for who, v, f in zip(believed, voted, fused, strict=True)]
+    fused = _fused(own, others, predicted, outline_agreement, float(np.mean(votes.soft_agreement)))
+    maps = [
+        v if source == "votes" else f for source, v, f in zip(sources, voted, fused, strict=True)
+    ]
     found = Decision(
-        masks="maps" if doubt else "votes",
-        reason=doubt or "votes meet maps and edges at least as well as silhouettes and maps do",
-        silhouettes=met,
-        votes=met_by_votes,
+        masks="maps" if objection else "votes",
+        reason=objection or "votes meet maps and edges at least as well as silhouettes and maps do",
+        silhouettes=outline_agreement,
+        votes=votes_agreement,
         confirmed=confirmed,
         attached=attached,
         attached_kept=joins,
         views=tuple(
-            ViewEvidence(*one) for one in zip(names, by_outline, by_votes, believed, strict=True)
+            ViewEvidence(*one) for one in zip(names, by_outline, by_votes, sources, strict=True)
         ),
     )
     return found, maps
 
 
-def _believed(
-    doubt: str, own: SoftMap, voted: SoftMap, edges: Bits, by_outline: float, by_votes: float
-) -> Believed:
-    """Say whom one view follows: votes, unless they are doubted, or edges and map deny them."""
+def _source(
+    objection: str, own: SoftMap, voted: SoftMap, edges: Bits, by_outline: float, by_votes: float
+) -> Source:
+    """Return one view's source: votes, unless the capture's or the view's evidence is against."""
     unconfirmed = _on_edge(voted >= HALF, edges) < _on_edge(own >= HALF, edges) - UNCONFIRMED
-    return "maps" if doubt or (unconfirmed and by_votes < by_outline) else "votes"
+    return "maps" if objection or (unconfirmed and by_votes < by_outline) else "votes"
 
 
 def _overlaps(first: Sequence[SoftMap], second: Sequence[SoftMap]) -> list[float]:
     return [iou(a >= HALF, b >= HALF) for a, b in zip(first, second, strict=True)]
 
 
-def _area(maps: Sequence[SoftMap], heard: Sequence[int]) -> float:
-    return sum(float((maps[index] >= HALF).mean()) for index in heard)
+def _area(maps: Sequence[SoftMap], deciding: Sequence[int]) -> float:
+    return sum(float((maps[index] >= HALF).mean()) for index in deciding)
 
 
-def _doubt(silhouettes: float, votes: float, confirmed: dict[str, float]) -> str:
-    """Say why votes are not believed; empty where they are."""
+def _objection(silhouettes: float, votes: float, confirmed: dict[str, float]) -> str:
+    """Say why votes are not used; empty where they are."""
     if votes * confirmed["votes"] >= silhouettes * confirmed["maps"]:
         return ""
     return (
@@ -170,18 +174,18 @@ def _fused(
     silhouettes: float,
     votes: float,
 ) -> list[SoftMap]:
-    """Average what three witnesses say, weighted by the odds that they were right.
+    """Average own map, silhouettes and votes, weighted by the odds that each is right.
 
-    What lies outside the other views' silhouettes cannot be object if they are right; what lies
-    inside may be free space between them. So their no counts twice. Along the map's own outline
-    silhouettes, and votes that are believed less, know no better than it.
+    Pixels outside the other views' silhouettes cannot be object if those are right; pixels inside
+    may be free space between them. So silhouettes count twice where they say no. Along the map's
+    own outline silhouettes and votes are no more exact than the map, which is kept there.
     """
     outlines, splats = _odds(silhouettes), _odds(votes)
-    itself = max(outlines, splats)  # a map is met by the better of the two
+    itself = max(outlines, splats)  # a map weighs as much as the better of the two
     fused = []
     for mine, other, answer in zip(own, others, voted, strict=True):
-        heard = outlines * np.where(other < HALF, NO_COUNTS, 1.0)
-        mean = (itself * mine + heard * other + splats * answer) / (itself + heard + splats)
+        weight = outlines * np.where(other < HALF, NO_COUNTS, 1.0)
+        mean = (itself * mine + weight * other + splats * answer) / (itself + weight + splats)
         # where the mean takes a whole part away, the part's outline goes with it
         near = _near_outline(mine >= HALF) & _near_outline(mean >= HALF, 2 * COARSE)
         fused.append(np.where(near, mine, mean).astype(np.float32))
@@ -214,8 +218,8 @@ def _edges(photo: NDArray[np.uint8]) -> Bits:
     return near
 
 
-def _confirmed(maps: Sequence[SoftMap], edges: Sequence[Bits], heard: Sequence[int]) -> float:
-    return float(np.mean([_on_edge(maps[index] >= HALF, edges[index]) for index in heard]))
+def _confirmed(maps: Sequence[SoftMap], edges: Sequence[Bits], deciding: Sequence[int]) -> float:
+    return float(np.mean([_on_edge(maps[index] >= HALF, edges[index]) for index in deciding]))
 
 
 def _on_edge(mask: Bits, edges: Bits) -> float:

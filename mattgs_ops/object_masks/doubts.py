@@ -56,25 +56,25 @@ def _contradictions(agreement: Mapping[str, Any]) -> list[str]:
     none = str(agreement.get("none", ""))
     if "share no object" in none:
         return ["the photos' maps share no object"]
-    told = []
+    notes = []
     if "silhouettes" in agreement:
         best = max(agreement["silhouettes"], agreement.get("votes") or 0.0)
         if best < CONTRADICT:
-            told.append(
+            notes.append(
                 f"masks of different photos contradict each other: what the others say meets a "
                 f"photo's own map with a mean IoU of {best:.2f}, below {CONTRADICT}"
             )
     overlaps = list((agreement.get("overlap") or {}).values())
     if overlaps and float(np.mean(overlaps)) < CONTRADICT:
-        told.append(
+        notes.append(
             f"masks differ from the network's own: mean IoU {float(np.mean(overlaps)):.2f}, below "
             f"{CONTRADICT}"
         )
-    return told
+    return notes
 
 
 def _flooded(report: MaskReport) -> list[str]:
-    """Say whether masks cover the frame; masks that are meant to are not asked."""
+    """Say whether masks cover the frame; masks that are meant to are not checked."""
     if report.source == "none":
         return []
     flooded = [view.name for view in report.views if {"frame", "full"} & set(view.flags)]

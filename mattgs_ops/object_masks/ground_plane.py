@@ -1,9 +1,9 @@
 """The plane an object stands on, found among the points around it.
 
 Objects are photographed on desks and floors. Contact and shadow make the ground under an object
-look like a part of it to a saliency network; geometry knows better. RANSAC (Fischler & Bolles 1981)
-looks for the plane among the points near the object that are not object. The plane counts only when
-it holds enough of them and all cameras look down on it; otherwise there is none.
+look like a part of it to a saliency network; geometry tells them apart. RANSAC (Fischler & Bolles
+1981) fits a plane to the points near the object that are not object. The plane counts only when it
+holds enough of them and all cameras look down on it; otherwise there is none.
 
 The RANSAC is our own: scikit-image's has no model of a plane, so that a class of this file would
 hold all but its loop.
@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-REACH = 3.0  # radii of the object within which its surroundings are asked
-SAMPLE = 4000  # points that are asked
+REACH = 3.0  # radii of the object within which the plane is fitted
+SAMPLE = 4000  # points that are drawn for it
 ROUNDS = 500  # a plane that holds a quarter of the points is drawn with probability > 0.999
 TOLERANCE = 0.03  # of the object's radius: distance of a point that still lies on the plane
 LEAST_SHARE = 0.25  # of the points that the plane must hold

@@ -1,16 +1,16 @@
-"""What all views say of each surface: splats ask the photos' maps, and show the answer.
+"""Votes of all views on each splat, and the masks that follow from them.
 
-Splats of a short training are surfaces that all photos share. Each asks every view how salient the
-pixels are that it colours: Σ blending weight × map / Σ blending weight, from the rasteriser. The
-answers, rendered from each camera, are maps on which the views agree. Splats are asked once more
-about these maps, with doubt taken out, which spreads what most views say to the parts that few are
-sure of. What lies on or under the plane that the object stands on (``ground_plane``) is not object;
-what is attached to splats that are surely object may be (``attached_parts``), whatever the maps
-say. Splats far in front of the object belong to nothing that stands there; they are left out, so
-that a floater before a camera hides nothing.
+The splats of a short training are surfaces that all photos share. A view's vote on a splat is the
+mean saliency of the pixels that the splat colours: Σ blending weight × map / Σ blending weight,
+from the rasteriser. The mean votes, rendered from each camera, are maps on which the views agree. A
+second round votes with these maps, stretched between two bounds: it carries the opinion of most
+views to parts where few maps are certain. Splats on or under the plane that the object stands on
+(``ground_plane``) are not object; splats attached to certain object splats may be
+(``attached_parts``), whatever the maps say. Splats far in front of the object are left out, so that
+a floater before a camera hides nothing.
 
-On textureless ground splats fill empty space as they please, and their answers mean nothing:
-``decision`` says when to believe them.
+On textureless ground splats fill empty space, and their votes mean nothing: ``decision`` chooses
+where votes are used.
 """
 
 from collections.abc import Sequence
@@ -31,20 +31,20 @@ from mattgs_ops.splat.rasterize import backward, render
 from mattgs_ops.splat.training.initialise import SH_C0
 from mattgs_ops.splat.training.optimise import select
 
-# What the first round's answers count for in the second: nothing, everything, in between a share.
+# Votes of the first round below FIRST_NO become 0 in the second, above FIRST_YES 1, linear between.
 # Single maps miss more of an object than they invent, so little agreement is enough.
 FIRST_NO, FIRST_YES = 0.125, 0.375
-SURE = 0.5  # an answer from here on says that the splat is object
+CERTAIN = 0.5  # mean vote from which on a splat is object
 SHARE = 0.5  # of a pixel's colour that must come from the object's splats
-REACH = 0.9  # share of the sure splats within the object's radius
+REACH = 0.9  # share of the certain splats within the object's radius
 BESIDE = 1.2  # radii: ground goes on beyond the object; a base plate, which it stands on, does not
 FRONT = 2.0  # radii before the object's middle, beyond which a splat is no part of it
 CONTACT = 0.04  # of the radius: height above the plane below which a splat is ground
-SOLID = 0.3  # opacity of splats that tell where surfaces are
+SOLID = 0.3  # opacity from which on a splat is a surface
 BLACK = (0.0, 0.0, 0.0)
-UNSEEN = 1e-6  # blending weight, pixels: such a splat was asked by nobody
+UNSEEN = 1e-6  # blending weight, pixels: no view sees such a splat
 UNSEEN_BY_OTHERS = 1e-3  # the same where one view's weight is taken off, and rounding is left
-LEVELS = (0.125, 0.25, 0.375, 0.5)  # answers from which on a splat may be object
+LEVELS = (0.125, 0.25, 0.375, 0.5)  # mean votes from which on a splat may be object
 
 
 Floats = NDArray[np.float32]
@@ -61,32 +61,31 @@ class Place:
 
 @dataclass(frozen=True)
 class Votes:
-    """What splats say of each view, in two ways.
+    """The maps that follow from the votes, V views, each map [H, W] in [0, 1].
 
-    ``predicted`` [V] are the answers that splats give a view without its own map, [H, W] in [0, 1],
-    at least 0.5 where they say object; ``agreement`` is the IoU with the own map of each view that
-    voted, of splats that are each wholly object or not at all; ``soft_agreement`` that
-    of ``predicted``, where splats may be half. ``sure`` and ``whole`` [V] are the views' maps by
-    all votes, without and with attached parts; ``place`` is where the object is.
+    ``predicted`` are the maps from the votes of the other views, at least 0.5 on the object;
+    ``soft_agreement`` is their IoU with the own map of each view that voted, ``agreement`` the same
+    with splats that are either object or not. ``certain`` and ``with_parts`` are the maps by all
+    votes, without and with attached parts; ``place`` is where the object is.
     """
 
     predicted: list[SoftMap]
     agreement: list[float]
     soft_agreement: list[float]
-    sure: list[SoftMap]
-    whole: list[SoftMap]
+    certain: list[SoftMap]
+    with_parts: list[SoftMap]
     place: Place
 
 
 @dataclass(frozen=True)
-class Answers:
+class Tally:
     """Blending weights [V, N], and weights times map [V, N], of splats in views."""
 
     weight: Floats
     weighted_map: Floats
 
     def labels(self, without: int | None = None) -> Floats:
-        """Return each splat's mean saliency [N], 0 where nobody asked; ``without`` one view."""
+        """Return each splat's mean vote [N], 0 where no view sees it; ``without`` one view."""
         weight, total = self.weight.sum(axis=0), self.weighted_map.sum(axis=0)
         if without is not None:
             weight, total = weight - self.weight[without], total - self.weighted_map[without]
@@ -96,7 +95,7 @@ class Answers:
 
 def collect(
     splats: Splats,
-    asked: Sequence[Camera],
+    voting: Sequence[Camera],
     shown: Sequence[Camera],
     maps: Sequence[SoftMap],
     *,
@@ -105,32 +104,35 @@ def collect(
 ) -> Votes | None:
     """Let the views vote; None where no splat is salient to them.
 
-    ``asked`` are the cameras of the views at the size of asking, ``shown`` at that of the answer.
+    ``voting`` are the views' cameras at the size for voting, ``shown`` at the size of the masks.
     ``maps`` [H, W] in [0, 1], of any size; views whose map shows nothing, and those that are not
-    ``trained`` on (None: all are), do not vote and get the others' answer.
+    ``trained`` on (None: all are), do not vote and get the others' masks.
     """
     trained = trained or [True] * len(maps)
-    speaking = [bool((m >= SURE).any()) and heard for m, heard in zip(maps, trained, strict=True)]
-    voters = [camera for camera, speaks in zip(asked, speaking, strict=True) if speaks]
-    heard = [soft for soft, speaks in zip(maps, speaking, strict=True) if speaks]
-    if not heard:
+    can_vote = [bool((m >= CERTAIN).any()) and use for m, use in zip(maps, trained, strict=True)]
+    voters = [camera for camera, votes in zip(voting, can_vote, strict=True) if votes]
+    voting_maps = [soft for soft, votes in zip(maps, can_vote, strict=True) if votes]
+    if not voting_maps:
         return None
-    answers = ask(splats, voters, heard, threads=threads)
+    answers = tally(splats, voters, voting_maps, threads=threads)
     weights = answers.weight.sum(axis=0)
-    around = [camera for camera, heard in zip(asked, trained, strict=True) if heard]
+    around = [camera for camera, use in zip(voting, trained, strict=True) if use]
     place = locate(splats, answers.labels(), weights, around)
     if place is None:
         return None
-    labels = standing(splats, answers.labels(), place)
-    first = [surer(show(splats, labels, camera, place, threads=threads)) for camera in around]
-    again = ask(splats, around, first, threads=threads).labels()
-    sure = (standing(splats, again, place) >= SURE).astype(np.float32)
-    joined = whole(splats, again, weights, place)
-    by_all = [
-        [show(splats, found, camera, place, threads=threads) for camera in shown]
-        for found in (sure, joined)
+    labels = without_ground(splats, answers.labels(), place)
+    first = [
+        stretched(render_labels(splats, labels, camera, place, threads=threads))
+        for camera in around
     ]
-    predicted, firm, soft = _by_others(splats, asked, maps, speaking, answers, place, threads)
+    again = tally(splats, around, first, threads=threads).labels()
+    certain = (without_ground(splats, again, place) >= CERTAIN).astype(np.float32)
+    joined = with_attached_parts(splats, again, weights, place)
+    by_all = [
+        [render_labels(splats, labels, camera, place, threads=threads) for camera in shown]
+        for labels in (certain, joined)
+    ]
+    predicted, firm, soft = _by_others(splats, voting, maps, can_vote, answers, place, threads)
     return Votes(predicted, firm, soft, by_all[0], by_all[1], place)
 
 
@@ -138,36 +140,38 @@ def _by_others(
     splats: Splats,
     cameras: Sequence[Camera],
     maps: Sequence[SoftMap],
-    speaking: Sequence[bool],
-    answers: Answers,
+    can_vote: Sequence[bool],
+    answers: Tally,
     place: Place,
     threads: int,
 ) -> tuple[list[SoftMap], list[float], list[float]]:
     """Predict every view from the other views' votes; see :class:`Votes` for what is returned.
 
-    From which answer on a splat is object is not known: the one of :data:`LEVELS` that meets the
-    views' own maps best is taken.
+    The bound from which on a splat is object is the one of :data:`LEVELS` that agrees best with the
+    views' own maps.
     """
     own, labels, soft, voter = [], [], [], 0
-    for camera, mine, speaks in zip(cameras, maps, speaking, strict=True):
-        own.append(_shrunk(mine, camera) >= SURE)
-        labels.append(answers.labels(voter if speaks else None))
-        soft.append(show(splats, labels[-1], camera, place, threads=threads))
-        voter += speaks
-    heard = [index for index, mask in enumerate(own) if mask.any() and speaking[index]]
-    met = {level: [iou(soft[k] >= level, own[k]) for k in heard] for level in LEVELS}
-    best = float(LEVELS[int(np.argmax([np.mean(met[level]) for level in LEVELS]))])
+    for camera, mine, votes in zip(cameras, maps, can_vote, strict=True):
+        own.append(_shrunk(mine, camera) >= CERTAIN)
+        labels.append(answers.labels(voter if votes else None))
+        soft.append(render_labels(splats, labels[-1], camera, place, threads=threads))
+        voter += votes
+    compared = [index for index, mask in enumerate(own) if mask.any() and can_vote[index]]
+    agreement = {level: [iou(soft[k] >= level, own[k]) for k in compared] for level in LEVELS}
+    best = float(LEVELS[int(np.argmax([np.mean(agreement[level]) for level in LEVELS]))])
     firm = []
-    for k in heard:
+    for k in compared:
         either = (labels[k] >= best).astype(np.float32)
-        firm.append(iou(show(splats, either, cameras[k], place, threads=threads) >= SHARE, own[k]))
-    return [around_half(one, best) for one in soft], firm, met[best]
+        firm.append(
+            iou(render_labels(splats, either, cameras[k], place, threads=threads) >= SHARE, own[k])
+        )
+    return [around_half(one, best) for one in soft], firm, agreement[best]
 
 
-def ask(
+def tally(
     splats: Splats, cameras: Sequence[Camera], maps: Sequence[SoftMap], *, threads: int = 1
-) -> Answers:
-    """Ask each of V views how salient the pixels are that each of N splats colours.
+) -> Tally:
+    """Return the votes of V views on N splats: the saliency of the pixels that each splat colours.
 
     ``maps`` are [H, W] in [0, 1] of any size; they are shrunk to the cameras' sizes.
     """
@@ -178,7 +182,7 @@ def ask(
         seen = backward(shown, torch.zeros_like(shown.image), pixel_map=small).seen
         weights.append(seen.weight.numpy().copy())
         totals.append(seen.weighted_map.numpy().copy())
-    return Answers(np.stack(weights), np.stack(totals))
+    return Tally(np.stack(weights), np.stack(totals))
 
 
 def _shrunk(soft: SoftMap, camera: Camera) -> SoftMap:
@@ -193,19 +197,19 @@ def locate(
     """Find the object among the splats; None where no splat is salient to its views."""
     xyz = splats.means.numpy().astype(np.float64)
     surface = solid(splats, weights)
-    sure = xyz[surface & (labels > SURE)]
-    if len(sure) < ground_plane.FEWEST_POINTS:
+    certain = xyz[surface & (labels > CERTAIN)]
+    if len(certain) < ground_plane.FEWEST_POINTS:
         return None
-    middle = np.median(sure, axis=0)
-    radius = float(np.quantile(np.linalg.norm(sure - middle, axis=1), REACH))
+    middle = np.median(certain, axis=0)
+    radius = float(np.quantile(np.linalg.norm(certain - middle, axis=1), REACH))
     distances = np.linalg.norm(xyz - middle, axis=1) / radius
     beside = (distances > BESIDE) & (distances < ground_plane.REACH)
-    around = xyz[surface & (labels <= SURE) & beside]
+    around = xyz[surface & (labels <= CERTAIN) & beside]
     centres = np.array([camera.centre for camera in cameras])
     return Place(middle, radius, ground_plane.find(around, radius, centres))
 
 
-def standing(splats: Splats, labels: Floats, place: Place) -> Floats:
+def without_ground(splats: Splats, labels: Floats, place: Place) -> Floats:
     """Return the labels [N], 0 for what lies on the ground or under it, if there is ground."""
     if place.ground is None:
         return labels
@@ -213,28 +217,28 @@ def standing(splats: Splats, labels: Floats, place: Place) -> Floats:
     return np.where(heights < CONTACT * place.radius, 0, labels).astype(np.float32)
 
 
-def whole(splats: Splats, labels: Floats, weights: Floats, place: Place) -> Floats:
-    """Return 1 for splats [N] that are surely object or attached to it, 0 for all others."""
+def with_attached_parts(splats: Splats, labels: Floats, weights: Floats, place: Place) -> Floats:
+    """Return 1 for splats [N] that are certain object or attached to it, 0 for all others."""
     means = splats.means.numpy().astype(np.float64)
     distances = np.linalg.norm(means - place.middle, axis=1) / place.radius
-    raised = standing(splats, np.ones_like(labels), place) > 0
-    belongs = attached(splats, labels >= SURE, solid(splats, weights), raised, distances)
+    raised = without_ground(splats, np.ones_like(labels), place) > 0
+    belongs = attached(splats, labels >= CERTAIN, solid(splats, weights), raised, distances)
     return belongs.astype(np.float32)
 
 
 def solid(splats: Splats, weights: Floats) -> NDArray[np.bool_]:
-    """Return which splats [N] show where surfaces are: opaque, and seen by the views."""
+    """Return which splats [N] are surfaces: opaque, and seen by the views."""
     opaque: NDArray[np.bool_] = torch.sigmoid(splats.opacity_logits).numpy() > SOLID
     return opaque & (weights > UNSEEN)
 
 
-def surer(soft: SoftMap) -> SoftMap:
-    """Stretch a map of first answers [H, W] so that doubt is left only between the two bounds."""
-    stretched: SoftMap = (soft - np.float32(FIRST_NO)) / np.float32(FIRST_YES - FIRST_NO)
-    return stretched.clip(0, 1)
+def stretched(soft: SoftMap) -> SoftMap:
+    """Stretch a map of mean votes [H, W] to 0 and 1 at the two bounds."""
+    wide: SoftMap = (soft - np.float32(FIRST_NO)) / np.float32(FIRST_YES - FIRST_NO)
+    return wide.clip(0, 1)
 
 
-def show(
+def render_labels(
     splats: Splats, labels: Floats, camera: Camera, place: Place, *, threads: int = 1
 ) -> SoftMap:
     """Render labels [N] as a camera sees them, [H, W] in [0, 1], black where nothing is."""

@@ -11,13 +11,13 @@ import torch
 from mattgs_ops.capture.camera import Camera
 from mattgs_ops.object_masks.splat_votes import (
     Place,
-    ask,
     collect,
     locate,
-    show,
-    standing,
-    surer,
-    whole,
+    render_labels,
+    stretched,
+    tally,
+    with_attached_parts,
+    without_ground,
 )
 from mattgs_ops.splat.gaussians import Splats
 from tests.mattgs_ops.object_masks.ball import (
@@ -82,7 +82,7 @@ def asked(
     splats: Splats, cameras: list[Camera], maps: list[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return labels and weights of splats by all views."""
-    answers = ask(splats, cameras, maps)
+    answers = tally(splats, cameras, maps)
     return answers.labels(), answers.weight.sum(axis=0)
 
 
@@ -91,10 +91,10 @@ def agreed(splats: Splats, cameras: list[Camera]) -> tuple[list[np.ndarray], Pla
     place = locate(splats, labels, weights, cameras)
     assert place is not None
     assert place.ground is not None
-    labels = standing(splats, labels, place)
-    first = [surer(show(splats, labels, camera, place)) for camera in cameras]
-    labels = whole(splats, asked(splats, cameras, first)[0], weights, place)
-    return [show(splats, labels, camera, place) for camera in cameras], place
+    labels = without_ground(splats, labels, place)
+    first = [stretched(render_labels(splats, labels, camera, place)) for camera in cameras]
+    labels = with_attached_parts(splats, asked(splats, cameras, first)[0], weights, place)
+    return [render_labels(splats, labels, camera, place) for camera in cameras], place
 
 
 def test_leaks_losses_and_the_ground_are_mended() -> None:
@@ -130,8 +130,8 @@ def test_a_spot_that_no_view_finds_is_object_because_it_is_part_of_the_ball() ->
     place = locate(splats, labels, weights, cameras)
     assert place is not None
     spot = np.linalg.norm(splats.means.numpy() - top, axis=1) < 0.1
-    assert standing(splats, labels, place)[spot].max() < 0.3
-    labels = whole(splats, labels, weights, place)
+    assert without_ground(splats, labels, place)[spot].max() < 0.3
+    labels = with_attached_parts(splats, labels, weights, place)
     assert set(np.unique(labels)) == {0, 1}
     assert labels[spot].min() == 1
     assert labels[BALL:].max() == 0  # the desk, on which the ball touches it too
@@ -156,7 +156,7 @@ def test_maps_that_show_nothing_locate_nothing() -> None:
 
 def test_doubt_is_taken_out_of_first_answers() -> None:
     first = np.array([0, 0.125, 0.25, 0.375, 1], np.float32)
-    np.testing.assert_allclose(surer(first), [0, 0, 0.5, 1, 1], atol=1e-6)
+    np.testing.assert_allclose(stretched(first), [0, 0, 0.5, 1, 1], atol=1e-6)
 
 
 def test_views_that_found_nothing_do_not_vote_and_are_shown_the_others_answer() -> None:
@@ -165,7 +165,7 @@ def test_views_that_found_nothing_do_not_vote_and_are_shown_the_others_answer() 
     maps[3] = np.zeros_like(maps[3])
     votes = collect(scene_of_splats(), cameras, cameras, maps)
     assert votes is not None
-    assert iou(votes.whole[3], truth(cameras[3])) > 0.75
+    assert iou(votes.with_parts[3], truth(cameras[3])) > 0.75
     assert len(votes.agreement) == VIEWS - 1
     assert min(votes.agreement) > 0.7
     nothing = [np.zeros((HEIGHT, WIDTH), np.float32)] * VIEWS

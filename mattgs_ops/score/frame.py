@@ -11,7 +11,8 @@ tells is the training views, which the program has seen. Splats in another frame
   points that the program was given, or are spread otherwise.
 
 Neither half of the second is enough: a short training may be worse than a flat colour, and a good
-one may fill the distance. A change of a few per cent passes, and shows as low scores.
+one may fill the distance. A change of a few per cent passes, and shows as low scores. A program
+that hardly trained at all cannot be told from one that turned the scene: the message names both.
 """
 
 from pathlib import Path
@@ -64,7 +65,8 @@ def check_frame(folder: Path, scene: Scene, splats_ply: Path, background: Backgr
         f"its splats show the training views {trouble}: expected splats in the frame of the "
         f"cameras that were given, found the middle of them {away:.2g} times the points' spread "
         f"away from theirs, and spread {wider:.2g} times as far. Have the program keep the "
-        "cameras' frame, neither centred, scaled nor turned (docs/trainers.md)"
+        "cameras' frame, neither centred, scaled nor turned (docs/trainers.md); or, where they lie "
+        "where the points do, train for longer"
     )
 
 

@@ -10,9 +10,10 @@ from mattgs_ops.naming import checked_name
 from reports.gate import baseline, output, pictures
 from reports.gate.baseline import Baseline
 from reports.gate.compare import compare
-from reports.gate.findings import Exit
+from reports.gate.findings import Exit, GateReport
 from reports.gate.planted import sensitivity
 from reports.gate.tolerances import Doubt
+from reports.history.marks import verdicts_by_run
 from reports.rows.schema import Row, read_rows
 
 
@@ -52,7 +53,22 @@ def judge(
     store = out / "store"
     shown = pictures.draw(report, rows, store, folder, baseline=reference.rows, baseline_root=store)
     output.write(report, folder, shown)
+    _remember(out, against, report, rows)
     return f"{output.terminal(report)}\nGate: {folder}", report.exit_code
+
+
+def _remember(out: Path, against: str, report: GateReport, rows: Sequence[Row]) -> None:
+    """Tag the rows' runs in the registry with their verdicts, for ``mattgs history``.
+
+    Only where there is a registry: rows may come from elsewhere.
+    """
+    from flows.services import embedded
+    from tasks.registry.content import history
+
+    uri = embedded.tracking_uri(out)
+    verdicts, file = verdicts_by_run(report, rows), uri.removeprefix("sqlite:///")
+    if verdicts and (file == uri or Path(file).is_file()):
+        history.record_verdicts(uri, Path(against).stem, verdicts)
 
 
 def find_baseline(out: Path, benchmark: str, against: str) -> Baseline:

@@ -39,6 +39,7 @@ ROOMS = {
         "figures": {"rows", "tables"},
         "page": {"rows", "tables", "figures"},
         "gate": {"rows", "tables", "figures"},
+        "history": {"rows", "gate"},
     },
     "flows": {
         "services": set(),

@@ -1,4 +1,4 @@
-"""Commands on results: ``mattgs report``, ``ui``, ``promote``, ``export`` and ``view``.
+"""Commands on results: ``mattgs report``, ``history``, ``ui``, ``promote``, ``export``, ``view``.
 
 Light at the top, as ``flows/cli/app.py``, which registers them.
 """
@@ -21,6 +21,7 @@ RunOrPly = Annotated[
 def register(app: typer.Typer) -> None:
     """Add the commands to ``app``."""
     app.command()(report)
+    app.command()(history)
     app.command()(ui)
     app.command()(promote)
     app.command()(export)
@@ -66,6 +67,20 @@ def report(
             )
         made = rebuild_report(what[0], out.resolve(), paper_values)
     typer.echo(f"Report: {made}")
+
+
+def history(
+    benchmark: Annotated[str, typer.Argument(help="Name of a benchmark that was run.")],
+    out: Out = DEFAULT_OUT,
+) -> None:
+    """Show how each metric of each cell went over runs and commits, and where it changed for good.
+
+    Writes a page with a chart per metric, the gate's verdicts as marks. A step is a change of level
+    beyond the gate's margin that lasted two runs or more; its first commit is named.
+    """
+    from flows.results.history import show_history
+
+    typer.echo(show_history(benchmark, out.resolve()))
 
 
 def ui(

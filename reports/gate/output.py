@@ -47,7 +47,7 @@ def write(
 def terminal(report: GateReport) -> str:
     """Verdict first, then what is not "same", the worst first; at most 100 columns wide."""
     lines = [f"Gate: {MEANING[report.exit_code]}. {counts(report)}", *sight(report), ""]
-    shown = telling(report)
+    shown = worth_reading(report)
     if not shown:
         return "\n".join(lines)
     rows = [["Verdict", "Cell", "Metric", "Before", "After", "Change", "Interval"]]
@@ -65,7 +65,7 @@ def markdown(report: GateReport, pictures: Sequence[tuple[str, str]] = ()) -> st
     """For a CI job's summary; ``pictures`` are (caption, link) of the view that changed most."""
     lines = [f"## Gate: {MEANING[report.exit_code]}", "", counts(report), ""]
     lines += [text for line in sight(report) for text in (line, "")]
-    shown = telling(report)
+    shown = worth_reading(report)
     if shown:
         lines += [
             "| Verdict | Cell | Metric | Before | After | Change (+ is better) | Interval | Why |",
@@ -167,7 +167,7 @@ def _finite(value: float) -> float | None:
     return value if abs(value) != float("inf") else None
 
 
-def telling(report: GateReport) -> list[Finding]:
+def worth_reading(report: GateReport) -> list[Finding]:
     """Return what a reader should see.
 
     Left out is what is the same, and single measurements of speed that are too noisy to say

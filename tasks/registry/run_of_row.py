@@ -119,6 +119,7 @@ def _tags(row: Row, training: str | None, about: About, old_tags: dict[str, str]
         "code_version": str(provenance.get("code_version", "")),
         "git": str(provenance.get("git", "")),
         "config_digest": str(provenance.get("config_digest", "")),
+        "inputs": json.dumps(provenance.get("inputs") or {}, sort_keys=True),
     }
     found |= {} if training is None else {TRAINING_TAG: training}
     return found | origin.tags(row, about) | description.tags(row, about, old_tags)
@@ -126,4 +127,14 @@ def _tags(row: Row, training: str | None, about: About, old_tags: dict[str, str]
 
 def _state(row: Row) -> dict[str, str]:
     warnings = "; ".join(one["text"] for one in row.get("warnings") or ())
-    return {"status": row["status"], "reason": str(row.get("reason") or ""), "warnings": warnings}
+    ended = {"status": row["status"], "reason": str(row.get("reason") or ""), "warnings": warnings}
+    machines = {"timed_on": _machine(row, "timed"), "measured_on": _machine(row, "measured")}
+    return ended | machines
+
+
+def _machine(row: Row, what: str) -> str:
+    """Say what a speed of the row was taken on: the machine that is named for it, or the row's."""
+    provenance = row.get("provenance") or {}
+    machine = provenance.get(what) or provenance
+    names = ("cpu", "cpu_kind", "cores", "threads", "workload")
+    return ", ".join(f"{name} {machine[name]}" for name in names if machine.get(name) is not None)

@@ -195,7 +195,7 @@ def rows_of(tracking_uri: str, experiment: str) -> list[Row]:
         raise UnknownExperimentError(f"MLflow has no experiment {experiment!r}")
     ended: list[Row] = []
     others: list[Row] = []
-    for run in _pages(client, found.experiment_id):
+    for run in pages(client, found.experiment_id):
         closed = run.info.status in ("FINISHED", "FAILED")
         if not closed and not run_of_row.has_row(client, run.info.run_id):
             continue  # at work, or killed before it had a row
@@ -228,7 +228,8 @@ def _client(tracking_uri: str) -> Any:
     return MlflowClient(tracking_uri=tracking_uri)
 
 
-def _pages(client: Any, experiment: str) -> Iterable[Any]:
+def pages(client: Any, experiment: str) -> Iterable[Any]:
+    """Yield the runs of a benchmark's experiments, newest first; not its summary."""
     token = None
     query = f"tags.`{ROW_TAG}` != ''"
     # a training from the store has the date of when it was done, not of when it was recorded

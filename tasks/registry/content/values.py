@@ -4,6 +4,7 @@ import json
 import math
 import time
 from collections.abc import Mapping, Sequence
+from statistics import median
 from typing import Any
 
 Row = dict[str, Any]
@@ -29,8 +30,25 @@ def row_metrics(row: Row, now: int) -> list[Any]:
     """Return a row's numbers as MLflow's metrics, dated ``now`` in milliseconds."""
     from mlflow.entities import Metric
 
-    found = (row.get("metrics") or {}).items()
-    return [Metric(key, float(value), now, 0) for key, value in found if _is_number(value)]
+    numbers = {**_of_stages(row), **(row.get("metrics") or {})}.items()
+    return [Metric(key, float(value), now, 0) for key, value in numbers if _is_number(value)]
+
+
+def _of_stages(row: Row) -> dict[str, Any]:
+    """Return numbers that a row keeps apart from its metrics.
+
+    How many views have a pose, how good the masks are, and the training's time in workloads of the
+    same process (the median over its laps, times their number).
+    """
+    numbers = {
+        "registered": (row.get("registration") or {}).get("registered"),
+        "mean_iou": (row.get("masks") or {}).get("mean_iou"),
+    }
+    laps = (row.get("repeats") or {}).get("time") or []
+    if laps and all(lap.get("calibration") for lap in laps):
+        ratios = [lap["value"] / lap["calibration"] for lap in laps]
+        numbers["time_calibrated"] = median(ratios) * len(ratios)
+    return numbers
 
 
 def new_points(

@@ -6,17 +6,25 @@ far as the gate reads them, and compare with rows of the whole line.
 """
 
 import json
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
+
+import cv2
+import numpy as np
+from PIL import Image
 
 from mattgs_ops.capture.prepare import prepare
 from mattgs_ops.capture.scene import Scene
 from mattgs_ops.config import BenchmarkConfig, CaptureConfig, Condition
 from mattgs_ops.score.evaluate import render_views, score
-from mattgs_ops.score.speed import measure_speed
+from mattgs_ops.score.speed import FEWEST_SECONDS, measure_speed
 from mattgs_ops.segment.infer import segment
 from mattgs_ops.segment.mask_report import MaskReport
 from mattgs_ops.sfm import reconstruct
+from mattgs_ops.splat.files.training_report import TrainingReport
+from mattgs_ops.splat.photos import size_at
 from mattgs_ops.splat.training.train import train
 from mattgs_ops.store import provenance
 from mattgs_ops.store.digests import json_digest
@@ -24,7 +32,7 @@ from tasks.row import Row, config_digest, masks_digest, split_digest
 from tasks.stages.capture_files import capture_digest
 from tasks.stages.stage import Cell, code_versions
 
-EVERY = 10_000  # of training views only the first is scored: the gate goes by their names
+EVERY = 10_000  # of training views only the first is scored: the gate reads names alone
 
 
 def make_scene(
@@ -39,6 +47,33 @@ def make_scene(
     ), masks
 
 
+def shrunk(scene: Scene, resolution: int, out: Path) -> Scene:
+    """Return the scene with photos and masks stored at ``resolution``, the same at every reading.
+
+    Every experiment reads all photos; small ones are read in a tenth of the time. Labels of small
+    structures are left out.
+    """
+    views = []
+    for view in scene.views:
+        size = size_at(view.width, view.height, resolution)
+        photo = _resized(view.photo, size, out / "photos" / f"{view.name}.png")
+        mask = view.mask and _resized(view.mask, size, out / "masks" / f"{view.name}.png")
+        camera = view.camera and view.camera.scaled(*size)
+        small = {"photo": photo, "mask": mask, "camera": camera, "ids": None}
+        views.append(replace(view, width=size[0], height=size[1], **small))
+    found = replace(scene, folder=out, views=tuple(views))
+    found.save(scene.points())
+    return found
+
+
+def _resized(photo: Path, size: tuple[int, int], target: Path) -> Path:
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with Image.open(photo) as image:
+        pixels = cv2.resize(np.asarray(image), size, interpolation=cv2.INTER_AREA)
+    Image.fromarray(pixels).save(target)
+    return target
+
+
 def experiment(
     config: BenchmarkConfig,
     cell: Cell,
@@ -47,8 +82,12 @@ def experiment(
     out: Path,
     *,
     speed: dict[str, float] | None = None,
+    fewest_seconds: float = FEWEST_SECONDS,
 ) -> Row:
-    """Train, render, score and measure one experiment; ``speed`` instead of measuring it."""
+    """Train, render, score and measure one experiment; ``speed`` instead of measuring it.
+
+    At least ``fewest_seconds`` of rendering are timed.
+    """
     condition = Condition.parse(cell.condition)
     training = train(
         scene,
@@ -60,9 +99,11 @@ def experiment(
         seed=cell.seed,
         out=out,
     )
-    return evaluated(config, cell, scene, masks, out, laps=list(training.laps), speed=speed) | {
-        "seconds": {"train": training.wall_seconds}
-    }
+    if speed is None:
+        splats, shown = out / "splats.ply", config.resolution
+        speed = measure_speed(scene, splats, condition, shown, fewest_seconds=fewest_seconds)
+    row = evaluated(config, cell, scene, masks, out, laps=list(training.laps), speed=speed)
+    return row | {"seconds": {"train": training.wall_seconds}}
 
 
 def evaluated(
@@ -83,7 +124,6 @@ def evaluated(
         speed = measure_speed(scene, ply, condition, config.resolution)
     capture = next(c for c in config.captures if c.name == cell.capture)
     seconds = sum(lap["value"] for lap in laps)
-    trained = [{"view": view.name, "split": "train"} for view in scene.registered("train")]
     return {
         "schema": 1,
         "benchmark": config.name,
@@ -97,7 +137,8 @@ def evaluated(
         "status": "finished",
         "reason": None,
         "metrics": found["metrics"] | {"time": seconds} | speed,
-        "per_view": [view for view in found["per_view"] if view["split"] == "test"] + trained,
+        "per_view": [view for view in found["per_view"] if view["split"] == "test"],
+        "trained_on": sorted(TrainingReport.load(out).trained_on),
         "repeats": {"time": laps},
         "registration": dict(scene.extra),
         "masks": {"mean_iou": masks.mean_iou, "source": masks.source},
@@ -112,12 +153,17 @@ def evaluated(
 
 
 def _provenance(config: BenchmarkConfig, cell: Cell, capture: CaptureConfig) -> dict[str, Any]:
-    origin = provenance.describe(threads=1)
-    return origin | {
+    return _machine() | {
         "code_version": json_digest(code_versions()),
         "config_digest": config_digest(config, cell),
         "inputs": {"capture": capture_digest(capture)},
     }
+
+
+@cache
+def _machine() -> dict[str, Any]:
+    """Return what this process runs on; its calibration takes a while."""
+    return provenance.describe(threads=1)
 
 
 def write_rows(rows: list[Row], path: Path) -> None:

@@ -239,12 +239,23 @@ def _scores(place: Place, artifacts: dict[str, Artifact]) -> dict[str, Any]:
     metrics |= {"time": training["wall_seconds"], "time_cpu": training["cpu_seconds"]}
     found: dict[str, Any] = {"metrics": metrics, "per_view": evaluation["per_view"]}
     found["capped"] = (training.get("counters") or {}).get("capped", 0)
+    found["trained_on"] = _trained_on(training, place.folder(scene_of(artifacts)))
     # laps of a training and the fixed workload in turns; a resumed one has none
     return found | ({"repeats": {"time": training["laps"]}} if training["laps"] else {})
 
 
 def _evaluation(place: Place, artifacts: Mapping[str, Artifact]) -> dict[str, Any]:
     return _read(place.folder(artifacts["evaluate"]) / "evaluation.json")
+
+
+def _trained_on(training: Mapping[str, Any], scene: Path) -> list[str]:
+    """Return the names of all photos that were trained on, scored or not.
+
+    A trainer that does not say so was given the scene's training views.
+    """
+    views = _read(scene / "scene.json")["views"]
+    given = [view["name"] for view in views if view["split"] == "train" and view["camera"]]
+    return sorted(training.get("trained_on") or given)
 
 
 def _masks(folder: Path) -> dict[str, Any]:

@@ -26,6 +26,7 @@ def measure_speed(
     *,
     background: Colour = WHITE,
     threads: int = 1,
+    fewest_seconds: float = FEWEST_SECONDS,
 ) -> dict[str, float]:
     """Return metrics of rendering speed over the registered test views, by id.
 
@@ -33,8 +34,9 @@ def measure_speed(
     divided by the seconds of rendering them into memory, after a warm-up; ``calibration``: seconds
     of the fastest workload; ``fps_calibrated``: frames rendered in the time of one workload, each
     view at its median over the rounds; ``fps_noise``: the relative standard error of that, from the
-    median absolute deviation of the rounds. Meant to run alone on its machine; time lost to others
-    is not counted (:mod:`mattgs_ops.timing.stopwatch`).
+    median absolute deviation of the rounds. At least ``fewest_seconds`` of rendering are timed.
+    Meant to run alone on its machine; time lost to others is not counted
+    (:mod:`mattgs_ops.timing.stopwatch`).
     """
     shown: Colour = WHITE if condition.background == "nobg" else background
     cameras = [
@@ -50,7 +52,8 @@ def measure_speed(
         pairs.add(took)
         seconds += took
         round_ended = index == len(cameras) - 1
-        if round_ended and len(pairs) >= FEWEST_ROUNDS * len(cameras) and seconds >= FEWEST_SECONDS:
+        enough = len(pairs) >= FEWEST_ROUNDS * len(cameras) and seconds >= fewest_seconds
+        if round_ended and enough:
             break
     ratios = pairs.ratios().reshape(-1, len(cameras))
     by_view = np.median(ratios, axis=0)

@@ -15,6 +15,7 @@ import numpy as np
 from reports.gate.compare import compare
 from reports.gate.findings import GateReport, Sensitivity, Verdict
 from reports.gate.speed import RATES
+from reports.rows.comparable import trained_views
 from reports.rows.schema import Row, held_out_views
 
 EVERYWHERE, IN_ONE_METHOD = 0.3, 0.5  # dB
@@ -147,8 +148,9 @@ def grow(row: Row, share: float = GROWTH) -> Row:
 
 def leak(row: Row) -> Row:
     """Have the first held-out view among the training views."""
-    leaked = held_out_views(row)[:1]
-    return row | {"per_view": [*row["per_view"], *({**view, "split": "train"} for view in leaked)]}
+    leaked = str(held_out_views(row)[0]["view"])
+    trained, _ = trained_views(row)
+    return row | {"trained_on": sorted({leaked, *trained})}
 
 
 def other_masks(row: Row) -> Row:

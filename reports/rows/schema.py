@@ -148,6 +148,9 @@ def _value_problems(row: Mapping[str, Any]) -> list[str]:
         found.append(f"`condition`: expected {expected!r}, found {row['condition']!r}")
     if row["status"] not in ("finished", "failed"):
         found.append(f"`status`: expected finished or failed, found {row['status']!r}")
+    trained_on = row.get("trained_on", [])  # rows of earlier versions have none
+    if not isinstance(trained_on, list) or not all(isinstance(one, str) for one in trained_on):
+        found.append(f"`trained_on`: expected a list of names, found {trained_on!r}")
     if row["status"] == "failed" and not row.get("reason"):
         found.append("`reason`: expected the reason of the failure, found none")
     return found

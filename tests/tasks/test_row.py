@@ -10,7 +10,7 @@ from mattgs_ops.config import NO_RESULT, BenchmarkConfig
 from mattgs_ops.method import METHODS, MethodConfig
 from mattgs_ops.store.keys import stage_key
 from mattgs_ops.store.store import Store
-from tasks.row import _warnings, config_digest, settings
+from tasks.row import _trained_on, _warnings, config_digest, settings
 from tasks.stages.stage import Artifact, Cell, Place
 
 CELL = Cell("rover", "nobg-ours", 0)
@@ -115,3 +115,16 @@ def test_where_a_trainer_lies_is_no_part_of_what_was_asked_for(tmp_path: Path) -
 
     assert found() == found(folder=tmp_path, timeout=5)
     assert found() != found(command=["{here}/train", "--more"])
+
+
+def test_a_row_names_all_photos_that_were_trained_on(tmp_path: Path) -> None:
+    """Whatever the trainer said; else the scene's training views with a camera."""
+    views = [
+        {"name": "b.jpg", "split": "train", "camera": {"intrinsics": {}}},
+        {"name": "a.jpg", "split": "train", "camera": {"intrinsics": {}}},
+        {"name": "c.jpg", "split": "train", "camera": None},
+        {"name": "d.jpg", "split": "test", "camera": {"intrinsics": {}}},
+    ]
+    (tmp_path / "scene.json").write_text(json.dumps({"views": views}))
+    assert _trained_on({"trained_on": ["d.jpg", "a.jpg"]}, tmp_path) == ["a.jpg", "d.jpg"]
+    assert _trained_on({}, tmp_path) == ["a.jpg", "b.jpg"]

@@ -46,6 +46,7 @@ class TrainingReport:
     peak_memory_mib: float
     memory_bound_mib: float
     digest: str
+    trained_on: tuple[str, ...] = ()  # names of all photos; empty where a trainer does not tell
 
     def save(self, folder: Path) -> None:
         """Write ``folder/training.json``; it appears whole or not at all."""
@@ -58,5 +59,6 @@ class TrainingReport:
     def load(cls, folder: Path) -> "TrainingReport":
         """Read ``folder/training.json``."""
         data: dict[str, Any] = json.loads((folder / FILE).read_text(encoding="utf-8"))
-        data["background"], data["laps"] = tuple(data["background"]), tuple(data["laps"])
+        for name in ("background", "laps", "trained_on"):
+            data[name] = tuple(data.get(name, ()))
         return cls(**data)

@@ -173,6 +173,7 @@ def train(
             peak_memory_mib=peak_memory(),
             memory_bound_mib=bound,
             digest=digest,
+            trained_on=tuple(view.name for view in trainer.views),
         )
         write_ply(state.splats, out / PLY)
         if state.exposures is not None:

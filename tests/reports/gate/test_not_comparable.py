@@ -67,3 +67,33 @@ def test_what_cannot_be_compared_is_never_the_same(
     cell = "rover/original-3dgs@1000x320"
     assert cell in {name for name, _ in found(report, verdict)}
     assert report.exit_code == code
+
+
+def trained(row: Row, *names: str) -> Row:
+    """Return the row as one that names all photos it was trained on, of which few were scored."""
+    return row | {"trained_on": list(names)}
+
+
+def reason(new: Row, old: Row) -> str:
+    return "; ".join(f.reason for f in compare([new], [old]).findings if f.metric == "rows")
+
+
+def test_a_leak_of_a_view_that_was_not_scored_is_named(old: Rows) -> None:
+    held_out = next(v["view"] for v in old[0]["per_view"] if v["split"] == "test")
+    healthy = trained(old[0], "a.jpg", "b.jpg")
+    leaked = trained(old[0], "a.jpg", "b.jpg", held_out)
+    assert not reason(healthy, healthy)
+    expected = f"held-out views were trained on: {held_out}; other training views: {held_out}"
+    assert reason(leaked, healthy) == expected
+    assert f"held-out views were trained on: {held_out}" in reason(leaked, old[0])
+
+
+def test_a_sample_of_training_views_compares_with_all_of_them(old: Rows) -> None:
+    """Rows of earlier versions name the training views that were scored."""
+    sample = old[0] | {"per_view": [*old[0]["per_view"], {"view": "a.jpg", "split": "train"}]}
+    assert not reason(trained(old[0], "a.jpg", "b.jpg"), sample)
+    assert not reason(sample, trained(old[0], "a.jpg", "b.jpg"))
+    assert reason(trained(old[0], "b.jpg"), sample) == "other training views: a.jpg"
+    assert reason(sample, trained(old[0], "b.jpg")) == "other training views: a.jpg"
+    others = trained(old[0], "a.jpg", "c.jpg"), trained(old[0], "a.jpg", "b.jpg")
+    assert reason(*others) == "other training views: b.jpg, c.jpg"

@@ -123,7 +123,9 @@ def test_unregistered_views_are_not_trained_on(run: Train, tiny_scene: Scene) ->
     views = tuple(replace(v, camera=None) if v.name == "03.jpg" else v for v in tiny_scene.views)
     lost = replace(tiny_scene, views=views)
     lost.views[3].photo.unlink()
-    assert run("a", scene=lost, iterations=5).views == 6
+    report = run("a", scene=lost, iterations=5)
+    assert report.views == 6
+    assert report.trained_on == tuple(view.name for view in lost.registered("train"))
 
 
 def test_the_report_names_plain_and_weighted_terms(run: Train, tmp_path: Path) -> None:

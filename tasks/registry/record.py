@@ -2,6 +2,7 @@
 
 import glob
 import logging
+import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,6 +12,7 @@ from mattgs_ops.capture.scene import Scene
 from mattgs_ops.capture.source import BUNDLED_FOLDER
 from mattgs_ops.config import BenchmarkConfig
 from mattgs_ops.naming import slug
+from mattgs_ops.segment import sheet
 from mattgs_ops.timing.machine_load import LOAD_FILE
 from tasks.registry import interface_view, orphans, promotion, runs, summary
 from tasks.registry.content.about import About
@@ -84,18 +86,19 @@ def record(
         )
         training = artifacts["train"].key if "train" in artifacts else None
         earlier = runs.recorded(tracking_uri, experiment, row, training)
-        run_id = runs.record(
-            tracking_uri,
-            experiment,
-            row,
-            parameters=settings,
-            curve=_points(place, artifacts, CURVE_FILE),
-            load=_points(place, artifacts, LOAD_FILE),
-            about=about,
-            files=_files(place, row, artifacts, _uploaded(earlier)),
-            training=training,
-            final=False,
-        )
+        with tempfile.TemporaryDirectory(prefix="mattgs-sheet-") as copies:
+            run_id = runs.record(
+                tracking_uri,
+                experiment,
+                row,
+                parameters=settings,
+                curve=_points(place, artifacts, CURVE_FILE),
+                load=_points(place, artifacts, LOAD_FILE),
+                about=about,
+                files=_files(place, row, artifacts, _uploaded(earlier), Path(copies)),
+                training=training,
+                final=False,
+            )
     except Exception as error:  # whatever MLflow, its database or its server raise
         _warn(row, error)
         return row
@@ -175,11 +178,12 @@ def _points(place: Place, artifacts: dict[str, Artifact], file: str) -> list[dic
 
 
 def _files(
-    place: Place, row: Row, artifacts: dict[str, Artifact], uploaded: dict[str, str]
+    place: Place, row: Row, artifacts: dict[str, Artifact], uploaded: dict[str, str], copies: Path
 ) -> Iterator[tuple[Path, str]]:
     """Yield what a run keeps, and where in the run: all that a report or a viewer needs.
 
-    Artifacts whose digests are ``uploaded`` lie in the run already.
+    Artifacts whose digests are ``uploaded`` lie in the run already. ``copies`` is an empty folder for
+    small copies of photos, which are made for this.
     """
     new = {name for name, artifact in artifacts.items() if uploaded.get(name) != artifact.digest}
     for stage, names in KEPT.items():
@@ -188,8 +192,11 @@ def _files(
             for name, where in names.items():
                 if (folder / name).exists():
                     yield folder / name, where
-    if "sfm" in new:
-        yield from _example(place.folder(scene_of(artifacts)))
+    if {"sfm", "agree"} & new:
+        scene = place.folder(scene_of(artifacts))
+        yield from _example(scene)
+        sheet.write_copies(scene, copies)
+        yield copies, f"scene/{sheet.FOLDER}"
     for stage, log in _logs(place, row, artifacts):
         if stage in new or stage not in artifacts:
             yield log, "logs"

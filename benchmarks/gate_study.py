@@ -1,15 +1,23 @@
 """How far the regression gate can be trusted, by many real runs of a small benchmark.
 
-    python benchmarks/gate_study.py OUT [--config benchmarks/gate-study.toml] [--runs 600]
+    python benchmarks/gate_study.py scores OUT [--runs 320]
+    python benchmarks/gate_study.py speed OUT [--runs 60]      # on a quiet machine
+    python benchmarks/gate_study.py scores OUT --config benchmarks/quick-ci.toml --baseline quick-ci
 
-Each run starts from points that are moved by a millionth of the scene: nothing that anybody would
-see, and yet other bits, as a harmless edit of the code leaves them. Runs are compared in pairs that
-share none, so that every comparison is independent: once with the scores of the same bits and only
-speed measured anew (unchanged code on one machine), once as they are (code that rounds otherwise).
-False alarms are counted, and what is caught of planted losses. With ``--baseline`` each run's speed
-is also judged against that baseline, as CI does. With ``--others`` the engine's other instruction
-sets run too, as another kind of machine, and their noise is printed. Runs that lie in OUT are used,
-not repeated: an interrupted study goes on.
+**Scores.** Each run starts from points that are moved by a millionth of the scene: nothing that
+anybody would see, and yet other bits, as a harmless edit of the code leaves them. The first runs
+measure the noise that this makes (a baseline brings it); all others are compared, in pairs that
+share no run, and each with one run, as CI compares with one baseline. Speeds are left out: each
+candidate has its baseline's. Unchanged code on one machine gives the same bits, which is checked;
+what is caught then is counted on the scores of one run, with other losses each time.
+
+**Speed.** Runs on one machine, compared with the scores of the same bits.
+
+Every comparison is judged as it is, where each alarm is false, and with losses planted, which
+differ from view to view and from capture to capture. With ``--baseline`` a committed baseline takes
+the place of the one run, with its own noise; scores that are its own but for drawn noise are
+counted too. ``--others`` adds the engine's other instruction sets, as another kind of machine.
+Runs that lie in OUT are used, not repeated: an interrupted study goes on.
 """
 
 import argparse
@@ -17,31 +25,28 @@ import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.gate_runs import experiment, make_scene, write_rows
+from benchmarks.gate_runs import experiment, make_scene, shrunk, write_rows
 from flows.grid import cells
 from mattgs_ops.capture.scene import Scene
-from mattgs_ops.config import BenchmarkConfig
-from mattgs_ops.config_file import load_toml
+from mattgs_ops.config import BenchmarkConfig, load_toml
+from mattgs_ops.errors import StageError
 from mattgs_ops.segment.mask_report import MaskReport
 from mattgs_ops.splat import _engine
 from reports.gate import baseline, speed
-from reports.gate.planted import lose_quality, lose_speed
 from reports.gate.self_check import (
+    CAUGHT_LEAST,
+    FALSE_MOST,
     PLANTED,
     Comparison,
     Outcome,
-    caught_by_size,
     independent,
-    self_check,
-    told,
     tried,
 )
 from reports.rows.schema import Row, read_rows
@@ -49,14 +54,27 @@ from reports.rows.schema import Row, read_rows
 HERE = Path(__file__).parent
 NUDGE = 1e-6  # of the points' spread
 OTHER_THREADS = 2
+RENDERED_SECONDS = 0.25  # a quarter of what the pipeline times: runs are many
+TIMED_ON = ("timed", "measured")
 MEASURED = ("time", "fps", "calibration", "fps_calibrated", "fps_noise")
+UNTIMED = {"fps": 1.0, "calibration": 1.0, "fps_calibrated": 1.0, "fps_noise": 0.0}
+NOISE_RUNS = 20  # that measure the noise and are not compared
+DRAWS = 300  # of losses, on scores of the same bits
 Scenes = Sequence[tuple[Scene, MaskReport]]
+Rows = Sequence[Row]
 
 
-def run(config: BenchmarkConfig, scenes: Scenes, out: Path) -> list[Row]:
-    """Run all experiments once."""
+def run(config: BenchmarkConfig, scenes: Scenes, out: Path, *, timed: bool) -> list[Row]:
+    """Run all experiments once; rendering is timed where speed is what counts."""
     return [
-        experiment(config, cell, *scene, out / f"{cell.capture}-{cell.condition}-{cell.seed}")
+        experiment(
+            config,
+            cell,
+            *scene,
+            out / f"{cell.capture}-{cell.condition}-{cell.seed}",
+            fewest_seconds=RENDERED_SECONDS,
+            speed=None if timed else UNTIMED,
+        )
         for capture, scene in zip(config.captures, scenes, strict=True)
         for cell in cells(config, capture.name)
     ]
@@ -73,45 +91,68 @@ def nudged(scene: Scene, folder: Path, seed: int) -> Scene:
     return replace(scene, folder=folder)
 
 
-def runs_here(config: BenchmarkConfig, out: Path, count: int) -> list[list[Row]]:
-    """Return so many runs on this machine; those that lie in ``out`` are read."""
-    scenes: list[tuple[Scene, MaskReport]] = []
-    for number in range(count):
-        path = out / f"run-{number:04d}.json"
-        if path.is_file():
-            continue
-        scenes = scenes or made(config, out, 1)
+class Runs:
+    """Runs of a benchmark on this machine, kept in a folder by kind and number."""
+
+    def __init__(self, config: BenchmarkConfig, out: Path) -> None:
+        self.config, self.out = config, out / config.name
+        self.out.mkdir(parents=True, exist_ok=True)
+        self._scenes: list[tuple[Scene, MaskReport]] = []
+
+    def read(self, kind: str, numbers: range) -> list[list[Row]]:
+        """Return the runs of these numbers, ``scores`` or ``speed``; what is missing is run."""
+        for number in numbers:
+            path = self._path(kind, number)
+            if not path.is_file():
+                write_rows(self.one(number, timed=kind == "speed"), path)
+                if number % 20 == 0:
+                    load = os.getloadavg()[0]
+                    print(f"{kind} {number}: load average {load:.1f}", flush=True)
+        return [read_rows(self._path(kind, number)) for number in numbers]
+
+    def _path(self, kind: str, number: int) -> Path:
+        return self.out / f"{kind}-{number:04d}.json"
+
+    def one(self, number: int, *, timed: bool) -> list[Row]:
+        """Run all experiments once, from the points that ``number`` stands for."""
+        self._scenes = self._scenes or made(self.config, self.out, 1)
         with tempfile.TemporaryDirectory(prefix="gate-study-") as folder:
             work = Path(folder)
-            moved = [(nudged(s, work / s.name, number), masks) for s, masks in scenes]
-            write_rows(run(config, moved, work / "runs"), path)
-        if number % 20 == 0:
-            print(f"run {number}: load average {os.getloadavg()[0]:.1f}", flush=True)
-    return [read_rows(out / f"run-{number:04d}.json") for number in range(count)]
+            moved = [(nudged(s, work / s.name, number), masks) for s, masks in self._scenes]
+            return run(self.config, moved, work / "runs", timed=timed)
+
+    def check_same_bits(self) -> None:
+        """Repeat run 0; raises :class:`StageError` where its scores are others now."""
+        (first,) = self.read("scores", range(1))
+        for old, new in zip(first, self.one(0, timed=False), strict=True):
+            if new["per_view"] != old["per_view"]:
+                raise StageError(f"{old['capture']} {old['condition']}: other bits when repeated")
+
+    def elsewhere(self) -> list[list[Row]]:
+        """Return a run by each other instruction set of the engine, as other machines round."""
+        own, runs = _engine.instruction_set(), []
+        for name in ("avx2", "baseline"):
+            path = self.out / f"other-{name}.json"
+            if not path.is_file() and name != own and _engine.use_instruction_set(name):
+                scenes = made(self.config, self.out, OTHER_THREADS)
+                rows = run(self.config, scenes, self.out / name, timed=False)
+                for row in rows:  # as another machine would say
+                    row["provenance"]["cpu_kind"] = f"engine on {name}"
+                write_rows(rows, path)
+            if path.is_file():
+                runs.append(read_rows(path))
+        _engine.use_instruction_set(own)
+        return runs
 
 
 def made(config: BenchmarkConfig, out: Path, threads: int) -> list[tuple[Scene, MaskReport]]:
-    """Return the captures' scenes, made with so many threads."""
-    return [
-        make_scene(capture, config, out / f"{capture.name}-{threads}", threads=threads)
-        for capture in config.captures
-    ]
-
-
-def runs_elsewhere(config: BenchmarkConfig, out: Path) -> list[list[Row]]:
-    """Return a run by each other instruction set of the engine, as another machine would round."""
-    own, found = _engine.instruction_set(), []
-    for name in ("avx2", "baseline"):
-        path = out / f"other-{name}.json"
-        if not path.is_file() and name != own and _engine.use_instruction_set(name):
-            rows = run(config, made(config, out, OTHER_THREADS), out / name)
-            for row in rows:  # as another machine would say
-                row["provenance"]["cpu_kind"] = f"engine on {name}"
-            write_rows(rows, path)
-        if path.is_file():
-            found.append(read_rows(path))
-    _engine.use_instruction_set(own)
-    return found
+    """Return the captures' scenes, made with so many threads, with photos at the resolution."""
+    scenes = []
+    for capture in config.captures:
+        folder = out / f"{capture.name}-{threads}-{os.getpid()}"
+        scene, masks = make_scene(capture, config, folder, threads=threads)
+        scenes.append((shrunk(scene, config.resolution, folder / "small"), masks))
+    return scenes
 
 
 def speed_spread(runs: Sequence[Sequence[Row]]) -> str:
@@ -142,81 +183,118 @@ def same_bits(pairs: Sequence[Comparison]) -> list[Comparison]:
     return [([timed_as(b, a) for a, b in zip(*pair, strict=True)], pair[1]) for pair in pairs]
 
 
+def same_speed(pairs: Sequence[Comparison]) -> list[Comparison]:
+    """Return the comparisons with the baseline's speed in the candidate, and its own scores."""
+    return [([timed_as(a, b) for a, b in zip(*pair, strict=True)], pair[1]) for pair in pairs]
+
+
 def timed_as(row: Row, other: Row) -> Row:
     """Return a row with the speed, and the machine, of another."""
     metrics = row["metrics"] | {name: other["metrics"][name] for name in MEASURED}
-    origin = row["provenance"] | {name: other["provenance"].get(name) for name in speed.MACHINE}
-    return row | {"metrics": metrics, "repeats": other["repeats"], "provenance": origin}
+    machine = {name: other["provenance"].get(name) for name in (*speed.MACHINE, *TIMED_ON)}
+    provenance = row["provenance"] | machine
+    return row | {"metrics": metrics, "repeats": other["repeats"], "provenance": provenance}
+
+
+def drawn(rows: Rows, noise: Mapping[str, float], count: int) -> Iterator[list[Row]]:
+    """Yield the rows with every score moved by its noise between two runs, normal, per row."""
+    rng = np.random.default_rng(0)
+    for _ in range(count):
+        yield [_moved(row, noise, rng) for row in rows]
+
+
+def _moved(row: Row, noise: Mapping[str, float], rng: np.random.Generator) -> Row:
+    shifts = {name: rng.normal(0, np.sqrt(2) * value) for name, value in sorted(noise.items())}
+    views = [
+        view | {n: view[n] + shifts[n] for n in shifts if view.get(n) is not None}
+        for view in row["per_view"]
+    ]
+    ratios = {n: row["metrics"][n] * np.exp(shifts[n]) for n in ("size_mb", "splats") if n in noise}
+    return row | {"per_view": views, "metrics": row["metrics"] | ratios}
 
 
 def table(outcomes: Mapping[str, Outcome]) -> str:
-    """Tabulate rates with their bounds."""
+    """Tabulate rates with their one-sided bounds at 95 %, and what was called worse falsely."""
     lines = [
         "| what | comparisons | false alarms | cannot judge | "
         + " | ".join(f"{name} caught" for name in PLANTED)
         + " |",
         "| --- |" + " --: |" * (3 + len(PLANTED)),
     ]
-    for name, found in outcomes.items():
-        alarms = found.false_alarms
-        cells = [
+    for name, outcome in outcomes.items():
+        alarms = outcome.false_alarms
+        entries = [
             str(alarms.trials),
             f"{alarms.hits} (< {alarms.most:.1%})",
-            f"{found.doubts.share:.1%}",
-            *(f"{rate.share:.1%} (> {rate.least:.1%})" for rate in found.caught.values()),
+            f"{outcome.doubts.share:.1%}",
+            *(f"{rate.share:.1%} (> {rate.least:.1%})" for rate in outcome.caught.values()),
         ]
-        lines.append(f"| {name} | " + " | ".join(cells) + " |")
+        lines.append(f"| {name} | " + " | ".join(entries) + " |")
+    named = {
+        name: ", ".join(f"{k} {n}" for k, n in o.alarms.items()) for name, o in outcomes.items()
+    }
+    lines += ["", *(f"False alarms, {name}: {text}" for name, text in named.items() if text)]
     return "\n".join(lines)
 
 
-def losses(
-    runs: Sequence[Sequence[Row]], aspect: str, comparisons: int, noise: Mapping[str, float]
-) -> str:
-    """Tabulate what share of losses of several sizes is caught."""
-    sizes = (0.3, 0.5, 0.75, 1.0) if aspect == "quality" else (0.1, 0.2, 0.5, 1.0)
-
-    def plant(row: Row, draw: int, size: float) -> Row:
-        return lose_quality(row, size, draw=draw) if aspect == "quality" else lose_speed(row, size)
-
-    plants = [partial(plant, size=size) for size in sizes]
-    found = caught_by_size(runs, aspect, plants, comparisons=comparisons, noise=noise)
-    names = [f"{size} dB" if aspect == "quality" else f"{size:.0%} slower" for size in sizes]
-    shares = [f"{share:.1%}" for share in found]
-    lines = [["planted", *names], ["---", *["--:"] * len(sizes)], ["caught", *shares]]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+def scores(runs: Runs, count: int, against: str | None, *, others: bool) -> dict[str, Outcome]:
+    """Judge runs whose scores differ by rounding alone."""
+    known = None if against is None else baseline.load(against)
+    runs.check_same_bits()
+    print("Repeated from the same points, run 0 gave the same bits.")
+    first = 0 if known else NOISE_RUNS
+    noise = known.noise if known else baseline.measured_noise(runs.read("scores", range(first)))
+    print("\nNoise", ", ".join(f"{k} {v:.2g}" for k, v in noise.items()))
+    compared = runs.read("scores", range(first, count))
+    one = list(known.rows) if known else compared[0]
+    rest = compared if known else compared[1:]
+    pairs, each = same_speed(independent(compared)), same_speed([(rows, one) for rows in rest])
+    outcomes = {
+        "the same bits": tried([(one, one)] * DRAWS, noise=noise),
+        "other rounding, in pairs": tried(pairs, noise=noise),
+        f"other rounding, against {against or 'one run'}": tried(each, noise=noise),
+        "the same, noise not known": tried(each),
+    }
+    if known:
+        moved = [(rows, one) for rows in drawn(one, noise, DRAWS)]
+        outcomes[f"{against} moved by its noise"] = tried(moved, noise=noise)
+    if others:
+        elsewhere = same_speed([(rows, compared[0]) for rows in runs.elsewhere()])
+        outcomes["other instruction sets"] = tried(elsewhere, noise=noise)
+    return outcomes
 
 
 def main() -> int:
-    """Print the tables; exit 1 where the gate may not be trusted on one machine."""
+    """Print the tables; exit 1 where the first line misses what is required of the gate."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("what", choices=["scores", "speed"])
     parser.add_argument("out", type=Path, help="folder for the runs")
     parser.add_argument("--config", type=Path, default=HERE / "gate-study.toml")
-    parser.add_argument("--runs", type=int, default=600, help="of the same code on this machine")
+    parser.add_argument("--runs", type=int, help="of the same code on this machine")
+    parser.add_argument("--first", type=int, help="only make the runs from this number on")
     parser.add_argument("--baseline", help="name of a committed baseline of the same benchmark")
     parser.add_argument("--others", action="store_true", help="other instruction sets too")
-    parser.add_argument("--comparisons", type=int, default=200, help="resampled, with --others")
     options = parser.parse_args()
     config = load_toml(options.config)
-    out = options.out / config.name
-    out.mkdir(parents=True, exist_ok=True)
-    runs = runs_here(config, out, options.runs)
-    print(f"\n{len(runs)} runs of {config.name} on one machine, {len(runs[0])} experiments each\n")
-    print(speed_spread(runs))
-    pairs = independent(runs)
-    outcomes = {"the same bits": tried(same_bits(pairs)), "rounded otherwise": tried(pairs)}
-    if options.baseline:
-        known = list(baseline.load(options.baseline).rows)
-        outcomes[f"against {options.baseline}"] = tried(same_bits([(r, known) for r in runs]))
-    print(f"\nIndependent comparisons, 95 % bounds in brackets.\n\n{table(outcomes)}")
-    if options.others:
-        unlike = [runs[0], *runs_elsewhere(config, out)]
-        noise = baseline.measured_noise(unlike)
-        print("\nAnother machine: noise", ", ".join(f"{k} {v:.2g}" for k, v in noise.items()))
-        print("\n" + told(self_check(unlike, comparisons=options.comparisons, noise=noise)))
-        print("\n" + losses(unlike, "quality", options.comparisons, noise))
-    found = outcomes["the same bits"]
-    caught = min(rate.share for rate in found.caught.values())
-    return 0 if found.false_alarms.most < 0.01 and caught >= 0.95 else 1
+    count = options.runs or {"scores": 320, "speed": 60}[options.what]
+    runs = Runs(config, options.out)
+    if options.first is not None:
+        runs.read(options.what, range(options.first, count))
+        return 0
+    print(f"{count} runs of {config.name}, {options.what}\n")
+    if options.what == "scores":
+        outcomes = scores(runs, count, options.baseline, others=options.others)
+    else:
+        timed = runs.read("speed", range(count))
+        print(speed_spread(timed))
+        outcomes = {
+            "speed, in pairs": tried(same_bits(independent(timed))),
+            "speed, against one run": tried(same_bits([(rows, timed[0]) for rows in timed[1:]])),
+        }
+    print(f"\nOne-sided bounds at 95 % in brackets.\n\n{table(outcomes)}")
+    outcome = next(iter(outcomes.values()))
+    caught = min(rate.share for rate in outcome.caught.values())
+    return 0 if outcome.false_alarms.most < FALSE_MOST and caught >= CAUGHT_LEAST else 1
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 Every run of the gate is shown the baseline against itself with each loss of :func:`plants`, and
 must name it; without a loss it must call nothing worse. Losses are uneven, as real ones are: views
-lose different amounts, around the mean that is stated.
+lose different amounts, and so do captures, around the mean that is stated.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -18,11 +18,11 @@ from reports.gate.speed import RATES
 from reports.rows.comparable import trained_views
 from reports.rows.schema import Row, held_out_views
 
-EVERYWHERE, IN_ONE_METHOD = 0.3, 0.5  # dB
+EVERYWHERE, IN_ONE_PART = 0.3, 0.5  # dB; a part is a method, or a capture
 GROWTH = SLOWDOWN = 0.10
 # Standard deviation over mean of what single views lose. Real regressions (settings of a training
 # changed on purpose) gave 0.25 to 0.41, averaged over cells; this is somewhat harder to see.
-UNEVEN = 0.5
+UNEVEN = 0.5  # of views within a capture, and of captures
 SPEED_METRICS = ("time", "fps")
 OTHER = "another"  # digest of what nobody has seen
 
@@ -53,13 +53,17 @@ def plants(baseline: Rows) -> list[Plant]:
     """Return the losses that the gate is shown, among them one for each method of the rows."""
     finished = [row for row in baseline if row["status"] == "finished"]
     methods = list(dict.fromkeys(row["method"] for row in finished))
-    found = [Plant(f"{EVERYWHERE} dB everywhere", _each(lose_quality), partial(_worse, "psnr"))]
-    for method in methods if len(methods) > 1 else ():
-        lose = partial(lose_quality, decibels=IN_ONE_METHOD)
-        name = f"{IN_ONE_METHOD} dB in {method}"
-        found.append(Plant(name, _each(lose, method), partial(_worse, "psnr", method=method)))
+    captures = list(dict.fromkeys(row["capture"] for row in finished))
+    lose = partial(lose_quality, decibels=IN_ONE_PART)
+    in_parts = [
+        Plant(f"{IN_ONE_PART} dB in {name}", _each(lose, name), partial(_worse, "psnr", part=name))
+        for names in (methods, captures)
+        if len(names) > 1
+        for name in names
+    ]
     return [
-        *found,
+        Plant(f"{EVERYWHERE} dB everywhere", lose_everywhere, partial(_worse, "psnr")),
+        *in_parts,
         Plant(f"{GROWTH:.0%} larger files", _each(grow), partial(_worse, "size_mb")),
         Plant(f"{SLOWDOWN:.0%} slower training", _each(lose_speed), partial(_worse, "time")),
         Plant(f"{SLOWDOWN:.0%} slower rendering", _each(lose_speed), partial(_worse, "fps")),
@@ -69,30 +73,49 @@ def plants(baseline: Rows) -> list[Plant]:
     ]
 
 
-def _each(change: Callable[[Row], Row], method: str | None = None) -> Callable[[Rows], list[Row]]:
-    """Apply a change to every finished row, or to those of one method."""
+def _each(change: Callable[[Row], Row], part: str | None = None) -> Callable[[Rows], list[Row]]:
+    """Apply a change to every finished row, or to those of one method or capture."""
 
     def changed(rows: Rows) -> list[Row]:
         return [
-            change(row) if row["status"] == "finished" and method in (None, row["method"]) else row
+            change(row)
+            if row["status"] == "finished" and part in (None, row["method"], row["capture"])
+            else row
             for row in rows
         ]
 
     return changed
 
 
-def _worse(metric: str, report: GateReport, *, method: str | None = None) -> bool:
-    """Whether a metric is called worse; with ``method`` in a cell of it, or over all cells."""
+def _worse(metric: str, report: GateReport, *, part: str | None = None) -> bool:
+    """Whether a metric is called worse; with ``part`` in a cell of it, or over all cells."""
     return any(
         f.metric == metric
         and f.verdict == Verdict.WORSE
-        and (method is None or f"-{method}@" in f.cell or "@" not in f.cell)
+        and (part is None or "@" not in f.cell or _is_of(f.cell, part))
         for f in report.findings
     )
 
 
+def _is_of(cell: str, part: str) -> bool:
+    """Whether a cell, written ``rover/nobg-ours@100x64``, is of a method or capture."""
+    return f"-{part}@" in cell or cell.startswith(f"{part}/")
+
+
 def _unlike(words: str, report: GateReport) -> bool:
     return any(f.verdict == Verdict.NOT_COMPARABLE and words in f.reason for f in report.findings)
+
+
+def lose_everywhere(rows: Rows, decibels: float = EVERYWHERE, draw: int = 0) -> list[Row]:
+    """Take ``decibels`` from PSNR as the mean over captures, uneven in captures and in views."""
+    captures = sorted({row["capture"] for row in rows if row["status"] == "finished"})
+    shares = dict(zip(captures, _pattern(f"captures {draw}", len(captures), UNEVEN), strict=True))
+    return [
+        lose_quality(row, decibels * float(shares[row["capture"]]), draw=draw)
+        if row["status"] == "finished"
+        else row
+        for row in rows
+    ]
 
 
 def lose_quality(

@@ -6,10 +6,11 @@ third against the fourth; N runs give N / 2 comparisons, and only these bound a 
 **Resampled**: which run is called candidate and which baseline is drawn for a comparison as a whole
 in one half of them, so that what all cells of a run share stays shared, and for each experiment
 anew in the other half; held-out views are drawn with replacement. However many of these are drawn,
-they know no more than the runs do. The same comparisons with a loss planted into the candidate,
-into other views each time, show what the gate catches.
+they hold no more than the runs do. The same comparisons with a loss planted into the candidate,
+into other views and captures each time, show what the gate catches.
 """
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -19,7 +20,7 @@ from scipy.special import betaincinv
 from mattgs_ops.errors import InputError
 from reports.gate.compare import compare
 from reports.gate.findings import Exit, GateReport, Verdict
-from reports.gate.planted import EVERYWHERE, GROWTH, SLOWDOWN, grow, lose_quality, lose_speed
+from reports.gate.planted import EVERYWHERE, GROWTH, SLOWDOWN, grow, lose_everywhere, lose_speed
 from reports.rows.schema import Row, key_of, refused
 
 LEAST = 200  # resampled comparisons
@@ -27,11 +28,12 @@ FALSE_MOST, CAUGHT_LEAST = 0.01, 0.95
 SURE = 0.95  # one-sided confidence of bounds
 Experiments = dict[object, Row]
 Comparison = tuple[list[Row], list[Row]]  # candidate, baseline
-# What is planted, the aspect that must be called worse, and how a draw of it changes a row
-PLANTED: dict[str, tuple[str, Callable[[Row, int], Row]]] = {
-    f"{EVERYWHERE} dB": ("quality", lambda row, draw: lose_quality(row, draw=draw)),
-    f"{SLOWDOWN:.0%} slower": ("cost", lambda row, _: lose_speed(row)),
-    f"{GROWTH:.0%} larger": ("size", lambda row, _: grow(row)),
+Plant = Callable[[list[Row], int], list[Row]]
+# What is planted, the aspect that must be called worse, and how a draw of it changes rows
+PLANTED: dict[str, tuple[str, Plant]] = {
+    f"{EVERYWHERE} dB": ("quality", lambda rows, draw: lose_everywhere(rows, draw=draw)),
+    f"{SLOWDOWN:.0%} slower": ("cost", lambda rows, _: [lose_speed(row) for row in rows]),
+    f"{GROWTH:.0%} larger": ("size", lambda rows, _: [grow(row) for row in rows]),
 }
 
 
@@ -64,11 +66,15 @@ class Rate:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Rates over comparisons: without a change, and by what was planted into the candidate."""
+    """Rates over comparisons: without a change, and by what was planted into the candidate.
+
+    ``alarms`` counts, by metric, the comparisons in which it was falsely called worse.
+    """
 
     false_alarms: Rate
     doubts: Rate
     caught: Mapping[str, Rate]
+    alarms: Mapping[str, int]
 
 
 @dataclass(frozen=True)
@@ -144,50 +150,36 @@ def tried(
     """Judge comparisons of unchanged code as they are, and once with each loss planted."""
     reports = [compare(new, old, noise=noise) for new, old in comparisons]
     count = len(reports)
-    alarms = sum(worse(report) for report in reports)
+    metrics = Counter(metric for report in reports for metric in worse(report))
+    alarms = sum(bool(worse(report)) for report in reports)
     doubts = sum(report.exit_code == Exit.CANNOT_JUDGE for report in reports)
     caught = {
         name: Rate(sum(_caught(comparisons, aspect, plant, noise)), count)
         for name, (aspect, plant) in PLANTED.items()
     }
-    return Outcome(Rate(alarms, count), Rate(doubts, count), caught)
+    return Outcome(Rate(alarms, count), Rate(doubts, count), caught, dict(metrics))
 
 
 def _caught(
     comparisons: Sequence[Comparison],
     aspect: str,
-    plant: Callable[[Row, int], Row],
+    plant: Plant,
     noise: Mapping[str, float] | None,
 ) -> list[bool]:
     """Say of each comparison whether a loss planted into its candidate is called worse."""
     return [
-        worse(compare([plant(row, draw) for row in new], old, noise=noise), aspect)
+        bool(worse(compare(plant(new, draw), old, noise=noise), aspect))
         for draw, (new, old) in enumerate(comparisons)
     ]
 
 
-def caught_by_size(
-    runs: Sequence[Sequence[Row]],
-    aspect: str,
-    plants: Sequence[Callable[[Row, int], Row]],
-    *,
-    comparisons: int = LEAST,
-    seed: int = 0,
-    noise: Mapping[str, float] | None = None,
-) -> list[float]:
-    """Return, for each planted loss, the share of resampled comparisons that call it worse."""
-    experiments = _experiments(runs)
-    rng = np.random.default_rng(seed)
-    drawn = [resample(experiments, rng) for _ in range(comparisons)]
-    return [float(np.mean(_caught(drawn, aspect, plant, noise))) for plant in plants]
-
-
-def worse(report: GateReport, aspect: str | None = None) -> bool:
-    """Whether anything, or anything of one aspect, is called worse."""
-    return any(
-        finding.verdict == Verdict.WORSE and aspect in (None, finding.aspect)
+def worse(report: GateReport, aspect: str | None = None) -> set[str]:
+    """Return the metrics that are called worse, of all aspects or of one."""
+    return {
+        finding.metric
         for finding in report.findings
-    )
+        if finding.verdict == Verdict.WORSE and aspect in (None, finding.aspect)
+    }
 
 
 def _experiments(runs: Sequence[Sequence[Row]]) -> list[Experiments]:

@@ -107,6 +107,32 @@ def test_a_planted_loss_is_uneven_and_keeps_its_mean(known: baseline.Baseline) -
     assert (lost > 0).all()
 
 
+def two_captures(known: baseline.Baseline) -> list[Row]:
+    """Return the rows of the one capture twice, under two names."""
+    return [row | {"capture": name} for name in ("one", "two") for row in known.rows]
+
+
+def test_a_loss_everywhere_is_uneven_among_captures(known: baseline.Baseline) -> None:
+    rows = two_captures(known)
+    shares = []
+    for draw in range(20):
+        lost = planted.lose_everywhere(rows, 0.3, draw)
+        means = [
+            np.mean(
+                [a["psnr"] - b["psnr"] for a, b in zip(*map(held_out_views, pair), strict=True)]
+            )
+            for pair in zip(rows, lost, strict=True)
+        ]
+        assert np.mean(means) == pytest.approx(0.3)
+        shares.append(means[0] / 0.3)
+    assert 0.2 < np.std(shares) < 0.6, "captures lose different amounts"
+
+
+def test_a_loss_in_one_capture_is_planted_and_named(known: baseline.Baseline) -> None:
+    seen = planted.sensitivity(two_captures(known), known.noise)
+    assert {"0.3 dB everywhere", "0.5 dB in one", "0.5 dB in two"} <= set(seen.named), str(seen)
+
+
 def test_a_metric_of_zero_is_no_crash(known: baseline.Baseline) -> None:
     rows: list[dict[str, Any]] = json.loads(json.dumps(list(known.rows)))
     rows[0]["metrics"]["splats"] = 0

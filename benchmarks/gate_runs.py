@@ -6,6 +6,7 @@ far as the gate reads them, and compare with rows of the whole line.
 """
 
 import json
+import shutil
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -32,6 +33,7 @@ from tasks.row import Row, config_digest, masks_digest, split_digest
 from tasks.stages.capture_files import capture_digest
 from tasks.stages.stage import Cell, code_versions
 
+NUDGE = 1e-6  # of the points' spread
 EVERY = 10_000  # of training views only the first is scored: the gate reads names alone
 
 
@@ -64,6 +66,17 @@ def shrunk(scene: Scene, resolution: int, out: Path) -> Scene:
     found = replace(scene, folder=out, views=tuple(views))
     found.save(scene.points())
     return found
+
+
+def nudged(scene: Scene, folder: Path, seed: int) -> Scene:
+    """Return the scene with its points moved by a millionth, kept in ``folder``."""
+    points = scene.points()
+    step = NUDGE * points.xyz.std()
+    moved = points.xyz + np.random.default_rng(seed).normal(0, step, points.xyz.shape)
+    folder.mkdir(parents=True)
+    shutil.copy(scene.folder / "scene.json", folder)  # the training's digest reads it
+    np.savez(folder / "points.npz", **vars(replace(points, xyz=moved)))
+    return replace(scene, folder=folder)
 
 
 def _resized(photo: Path, size: tuple[int, int], target: Path) -> Path:

@@ -22,17 +22,15 @@ Runs that lie in OUT are used, not repeated: an interrupted study goes on.
 
 import argparse
 import os
-import shutil
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.gate_runs import experiment, make_scene, shrunk, write_rows
+from benchmarks.gate_runs import experiment, make_scene, nudged, shrunk, write_rows
 from flows.grid import cells
 from mattgs_ops.capture.scene import Scene
 from mattgs_ops.config import BenchmarkConfig, load_toml
@@ -52,7 +50,6 @@ from reports.gate.self_check import (
 from reports.rows.schema import Row, read_rows
 
 HERE = Path(__file__).parent
-NUDGE = 1e-6  # of the points' spread
 OTHER_THREADS = 2
 RENDERED_SECONDS = 0.25  # a quarter of what the pipeline times: runs are many
 TIMED_ON = ("timed", "measured")
@@ -78,17 +75,6 @@ def run(config: BenchmarkConfig, scenes: Scenes, out: Path, *, timed: bool) -> l
         for capture, scene in zip(config.captures, scenes, strict=True)
         for cell in cells(config, capture.name)
     ]
-
-
-def nudged(scene: Scene, folder: Path, seed: int) -> Scene:
-    """Return the scene with its points moved by a millionth, kept in ``folder``."""
-    points = scene.points()
-    step = NUDGE * points.xyz.std()
-    moved = points.xyz + np.random.default_rng(seed).normal(0, step, points.xyz.shape)
-    folder.mkdir(parents=True)
-    shutil.copy(scene.folder / "scene.json", folder)  # the training's digest reads it
-    np.savez(folder / "points.npz", **vars(replace(points, xyz=moved)))
-    return replace(scene, folder=folder)
 
 
 class Runs:

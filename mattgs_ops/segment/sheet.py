@@ -36,13 +36,13 @@ def views_of(scene: Scene) -> list[View]:
     copies = scene.folder / FOLDER
     views = [view for view in scene.views if view.mask is not None]
     if copies.is_dir():
-        views = [replace(view, **_places(copies, view)) for view in views]
+        views = [_copy_of(view, copies) for view in views]
     return [v for v in views if v.mask is not None and v.mask.is_file() and v.photo.is_file()]
 
 
-def _places(folder: Path, view: View) -> dict[str, Path]:
+def _copy_of(view: View, folder: Path) -> View:
     name = f"{view.name}.png"
-    return {"photo": folder / "photos" / name, "mask": folder / "masks" / name}
+    return replace(view, photo=folder / "photos" / name, mask=folder / "masks" / name)
 
 
 def chosen(views: Sequence[View], flags: Flags) -> list[View]:
@@ -86,6 +86,6 @@ def _encoded(folder: Path) -> dict[str, bytes]:
     for view in chosen(views_of(Scene.load(folder)), flags_of(folder)):
         pictures = small(view)
         if pictures is not None:
-            for place, picture in zip(_places(Path(), view).values(), pictures, strict=True):
-                files[place.as_posix()] = cv2.imencode(".png", picture)[1].tobytes()
+            for kind, picture in zip(("photos", "masks"), pictures, strict=True):
+                files[f"{kind}/{view.name}.png"] = cv2.imencode(".png", picture)[1].tobytes()
     return files

@@ -125,7 +125,7 @@ def _points(one: Series, place: Axes) -> list[str]:
         said = point.verdict(one.column.key)
         x = place.across(point)
         if value is None:
-            y, words = HEIGHT - BOTTOM, "failed, or not measured"
+            y, words = float(HEIGHT - BOTTOM), "failed, or not measured"
             shape = f'<path class="failed" d="{_cross(x, y)}"/>'
         else:
             y, words = place.down(value), text_of(one.column, value)

@@ -33,7 +33,8 @@ import numpy as np
 from benchmarks.gate_runs import experiment, make_scene, nudged, shrunk, write_rows
 from flows.grid import cells
 from mattgs_ops.capture.scene import Scene
-from mattgs_ops.config import BenchmarkConfig, load_toml
+from mattgs_ops.config import BenchmarkConfig
+from mattgs_ops.config_file import load_toml
 from mattgs_ops.errors import StageError
 from mattgs_ops.segment.mask_report import MaskReport
 from mattgs_ops.splat import _engine

@@ -182,8 +182,8 @@ def _files(
 ) -> Iterator[tuple[Path, str]]:
     """Yield what a run keeps, and where in the run: all that a report or a viewer needs.
 
-    Artifacts whose digests are ``uploaded`` lie in the run already. ``copies`` is an empty folder for
-    small copies of photos, which are made for this.
+    Artifacts whose digests are ``uploaded`` lie in the run already. ``copies`` is an empty folder
+    for small copies of photos, which are made for this.
     """
     new = {name for name, artifact in artifacts.items() if uploaded.get(name) != artifact.digest}
     for stage, names in KEPT.items():

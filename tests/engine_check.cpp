@@ -154,7 +154,7 @@ Result run(const Kernels& kernels, const Scene& s, const Camera& c, int threads,
                                  s.count};
     const SplatStatistics seen{means2d.data(), absolute.data(), weight.data(), weighted.data()};
     const BackwardInputs pixels{grad.data(), alpha.data(), map.data()};
-    rendering.backward(s.arrays(), pixels, out, seen, statistics);
+    rendering.backward(s.arrays(), pixels, {out, nullptr, seen}, statistics);
     r.statistics = absolute;
     r.statistics.insert(r.statistics.end(), weight.begin(), weight.end());
     r.statistics.insert(r.statistics.end(), weighted.begin(), weighted.end());
@@ -188,6 +188,52 @@ void check_scene(const std::vector<const Kernels*>& all, const Scene& s, int wid
                 expect(close(first.logits, r.logits), where + ": another gradient of opacity");
                 expect(close(first.rest, r.rest), where + ": another gradient of colour");
             }
+        }
+}
+
+// The other conventions: parameters after their activation, a fourth channel, sums for the camera.
+void check_other_conventions(const std::vector<const Kernels*>& all, Scene s, bool plain,
+                             const std::string& name) {
+    for (float& x : s.log_scales) x = std::exp(std::min(x, 40.0f));
+    for (float& x : s.logits) x = 1.0f / (1.0f + std::exp(-x));
+    Camera c = camera(61, 45);
+    c.conventions.near_plane = 0.01f;
+    c.conventions.far_plane = 1e10f;
+    c.conventions.alpha_max = 0.999f;
+    c.conventions.plain_colours = plain;
+    c.conventions.activated = c.conventions.centres_apart = true;
+    const auto size = static_cast<std::size_t>(c.width) * c.height;
+    const auto n = static_cast<std::size_t>(s.count);
+    const float background[3] = {0, 0, 0};
+    Floats expected;
+    for (const Kernels* k : all)
+        for (const bool statistics : {true, false}) {
+            Rendering rendering(*k, c, background, 3, statistics ? 1 : 3, true);
+            Floats image(4 * size), alpha(size), radii(n), centres(2 * n), extents(2 * n), grads(n);
+            auto in = s.arrays();
+            if (plain) in.sh_rest = nullptr;
+            const int64_t bad = rendering.forward(
+                in, {image.data(), alpha.data(), radii.data(), centres.data(), extents.data()},
+                s.dc.data());
+            expect(bad == 0, name + ": a splat was taken for not finite");
+            Scene out = s;
+            auto to = out.mutable_arrays();
+            if (plain) to.sh_rest = nullptr;
+            const std::size_t kept = statistics ? n : 0;
+            Floats absolute(2 * kept), weight(kept), weighted(kept);
+            double sums[CAMERA_SUMS];
+            rendering.backward(
+                in, {image.data(), alpha.data(), nullptr},
+                {to, grads.data(),
+                 {centres.data(), absolute.data(), weight.data(), weighted.data()}},
+                statistics, sums);
+            for (const Floats* v : {&image, &alpha, &extents, &out.means, &out.log_scales,
+                                    &out.quaternions, &out.logits, &out.dc, &grads, &absolute})
+                expect(finite(*v), name + ", " + k->name + ": a result is not finite");
+            for (const double x : sums)
+                expect(std::isfinite(x), name + ": a sum for the camera is not finite");
+            if (expected.empty()) expected = out.dc;
+            expect(close(expected, out.dc), name + ", " + k->name + ": another gradient");
         }
 }
 
@@ -235,6 +281,11 @@ int main() {
     check_scene(all, Scene(rng, 60, 1e18f, 5.0f, 0.0f), 50, 50, "at the end of the world");
     check_scene(all, Scene(rng, 30, 0.7f, -2.0f, 90.0f), 50, 50, "opacity 1");
     check_scene(all, Scene(rng, 30, 0.7f, -2.0f, -90.0f), 50, 50, "opacity 0");
+    for (const bool plain : {true, false}) {
+        check_other_conventions(all, Scene(rng, 90, 0.7f, -2.0f, 0.0f), plain, "activated");
+        check_other_conventions(all, Scene(rng, 0, 0.7f, -2.0f, 0.0f), plain, "activated, none");
+        check_other_conventions(all, Scene(rng, 30, 0.7f, 60.0f, 90.0f), plain, "activated, huge");
+    }
     Scene needles(rng, 40, 0.7f, -9.0f, 1.0f);
     for (std::size_t i = 0; i < needles.log_scales.size(); i += 3) needles.log_scales[i] = 1.0f;
     check_scene(all, needles, 60, 60, "needles");

@@ -7,6 +7,9 @@ Array = Any  # anything with a buffer or DLPack: numpy, torch
 Arrays = tuple[Array, ...]  # means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest
 Statistics = tuple[Array, ...]  # means2d, means2d_abs, weight, weighted_map
 
+# camera centre; near plane, far plane, low pass, largest alpha, radius clip; plain colours
+Conventions = tuple[Sequence[float], Sequence[float], bool]
+
 TILE: int
 
 def instruction_set() -> str: ...
@@ -25,9 +28,17 @@ class Rendering:
         sh_degree: int,
         threads: int,
         differentiable: bool,
+        conventions: Conventions | None = None,
     ) -> None: ...
     def forward(
-        self, splats: Arrays, image: Array, alpha: Array, radii: Array, means2d: Array
+        self,
+        splats: Arrays,
+        image: Array,
+        alpha: Array,
+        radii: Array,
+        means2d: Array,
+        extents: Array | None = None,
+        extra: Array | None = None,
     ) -> int: ...
     def backward(
         self,
@@ -38,6 +49,8 @@ class Rendering:
         grads: Arrays,
         seen: Statistics,
         statistics: bool,
+        grad_extra: Array | None = None,
+        grad_camera: Array | None = None,
     ) -> None: ...
     def descend(
         self,

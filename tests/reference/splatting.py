@@ -10,7 +10,20 @@ from torch import Tensor
 
 from mattgs_ops.capture.camera import Camera
 
-LOW_PASS, ALPHA_MAX, ALPHA_MIN, T_MIN, NEAR, FOV_MARGIN = 0.3, 0.99, 1 / 255, 1e-4, 0.2, 0.3
+ALPHA_MIN, T_MIN, FOV_MARGIN = 1 / 255, 1e-4, 0.3
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Where renderers differ; the defaults are those of 3DGS."""
+
+    low_pass: float = 0.3
+    alpha_max: float = 0.99
+    near: float = 0.2
+    far: float = float("inf")
+
+
+THREE_DGS = Limits()
 
 
 @dataclass
@@ -55,13 +68,18 @@ def sh_functions(d: Tensor, degree: int) -> Tensor:  # [N, 3] -> [N, (degree + 1
     return torch.stack(out, 1)
 
 
-def project(splats: dict[str, Tensor], camera: Camera) -> tuple[Tensor, Tensor, Tensor]:
-    """Return centres [N, 2], 2D covariances [N, 2, 2] and depths [N]."""
+def project(
+    splats: dict[str, Tensor], camera: Camera, limits: Limits = THREE_DGS
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Return centres [N, 2], 2D covariances [N, 2, 2] and depths [N].
+
+    The camera's pose may be tensors that require gradients.
+    """
     i = camera.intrinsics
     world = torch.as_tensor(camera.rotation)
     local = splats["means"] @ world.T + torch.as_tensor(camera.translation)
     depth = local[:, 2]
-    z = torch.where(depth > NEAR, depth, torch.ones_like(depth))
+    z = torch.where(depth > limits.near, depth, torch.ones_like(depth))
     ratio = local[:, :2] / z[:, None]
     size = torch.tensor([i.width, i.height], dtype=torch.float64)
     focal = torch.tensor([i.fx, i.fy], dtype=torch.float64)
@@ -78,7 +96,7 @@ def project(splats: dict[str, Tensor], camera: Camera) -> tuple[Tensor, Tensor, 
         -2,
     )
     m = jacobian @ world @ rotation(splats["quaternions"]) * splats["log_scales"].exp()[:, None, :]
-    covariance = m @ m.transpose(1, 2) + LOW_PASS * torch.eye(2, dtype=torch.float64)
+    covariance = m @ m.transpose(1, 2) + limits.low_pass * torch.eye(2, dtype=torch.float64)
     return ratio * focal + middle, covariance, depth
 
 
@@ -87,10 +105,11 @@ def render(
     camera: Camera,
     background: tuple[float, float, float],
     sh_degree: int = 3,
+    limits: Limits = THREE_DGS,
 ) -> Reference:
     """Render float64 parameters named as the fields of Splats."""
     i = camera.intrinsics
-    centres, covariance, depth = project(splats, camera)
+    centres, covariance, depth = project(splats, camera, limits)
     opacity = splats["opacity_logits"].sigmoid()
     direction = splats["means"] - torch.as_tensor(camera.centre)
     basis = sh_functions(torch.nn.functional.normalize(direction, dim=1), sh_degree)
@@ -110,12 +129,12 @@ def render(
     image = torch.zeros(i.height, i.width, 3, dtype=torch.float64)
     weights = [torch.zeros_like(transmittance)] * count
     for n in torch.argsort(depth, stable=True).tolist():
-        if not depth[n] > NEAR:
+        if not limits.near < depth[n] < limits.far:
             continue
         d = pixels - (centres[n] + shift[n])
         inverse = torch.linalg.inv(covariance[n])
         power = -0.5 * torch.einsum("hwi,ij,hwj->hw", d, inverse, d)
-        alpha = torch.clamp_max(opacity[n] * power.exp(), ALPHA_MAX)
+        alpha = torch.clamp_max(opacity[n] * power.exp(), limits.alpha_max)
         alpha = torch.where(alpha >= ALPHA_MIN, alpha, torch.zeros_like(alpha))
         after = transmittance * (1 - alpha)
         running = running & (after >= T_MIN)

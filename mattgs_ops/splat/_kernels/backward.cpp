@@ -12,27 +12,31 @@ namespace mattgs {
 namespace MATTGS_ISA {
 namespace {
 
-enum { TRANSMITTANCE, BEHIND, GRAD_RED, GRAD_GREEN, GRAD_BLUE, MAP, FIELDS };
+enum { TRANSMITTANCE, BEHIND, GRAD_RED, GRAD_GREEN, GRAD_BLUE, MAP, GRAD_EXTRA };
 
+template <int CHANNELS>
 struct alignas(64) State {
+    static constexpr int FIELDS = CHANNELS > COLOURS ? GRAD_EXTRA + 1 : MAP + 1;
     float v[STRIPS][TILE][FIELDS][LANES];
     int32_t deepest[STRIPS];  // greatest stop of the strip's pixels
 };
 
-MATTGS_INLINE void start(const BackwardTile& t, State& state) {
+template <int CHANNELS>
+MATTGS_INLINE void start(const BackwardTile& t, State<CHANNELS>& state) {
     const TileView& v = t.view;
     const int rows = v.height - v.y0 < TILE ? v.height - v.y0 : TILE;
     const int columns = v.width - v.x0 < TILE ? v.width - v.x0 : TILE;
     for (int s = 0; s < STRIPS; ++s) state.deepest[s] = 0;
-    alignas(64) float line[5][TILE] = {};
+    alignas(64) float line[2 + CHANNELS][TILE] = {};
     for (int r = 0; r < TILE; ++r) {
         if (r < rows) {
             const int64_t pixel = (int64_t)(v.y0 + r) * v.width + v.x0;
-            const float* __restrict grad = t.grad_image + 3 * pixel;
+            const float* __restrict grad = t.grad_image + CHANNELS * pixel;
             for (int x = 0; x < columns; ++x) {
-                line[0][x] = grad[3 * x];
-                line[1][x] = grad[3 * x + 1];
-                line[2][x] = grad[3 * x + 2];
+                line[0][x] = grad[CHANNELS * x];
+                line[1][x] = grad[CHANNELS * x + 1];
+                line[2][x] = grad[CHANNELS * x + 2];
+                if (CHANNELS > COLOURS) line[1 + CHANNELS][x] = grad[CHANNELS * x + 3];
             }
             for (int x = 0; x < columns; ++x) line[3][x] = t.grad_alpha ? t.grad_alpha[pixel + x] : 0.0f;
             for (int x = 0; x < columns; ++x) line[4][x] = t.pixel_map ? t.pixel_map[pixel + x] : 0.0f;
@@ -49,6 +53,7 @@ MATTGS_INLINE void start(const BackwardTile& t, State& state) {
             store(p + GRAD_GREEN * LANES, green);
             store(p + GRAD_BLUE * LANES, blue);
             store(p + MAP * LANES, load(line[4] + x));
+            if (CHANNELS > COLOURS) store(p + GRAD_EXTRA * LANES, load(line[1 + CHANNELS] + x));
             const I stop = load(t.pixels->stop + at);
             for (int i = 0; i < LANES; ++i)
                 if (stop[i] > state.deepest[s]) state.deepest[s] = stop[i];
@@ -73,11 +78,13 @@ struct RowSums {
     }
 };
 
-template <bool STATISTICS, bool BROAD_SPLAT>
-MATTGS_INLINE void one_pair(const Prepared& prepared, int position, State& state,
-                            const TilePixels& pixels, float* slot) {
+template <bool STATISTICS, bool BROAD_SPLAT, int CHANNELS>
+MATTGS_INLINE void one_pair(const TileView& view, const Prepared& prepared, int position,
+                            State<CHANNELS>& state, const TilePixels& pixels, float* slot) {
     const Projected& s = *prepared.splat;
     const F red = all(s.red), green = all(s.green), blue = all(s.blue);
+    const F extra = CHANNELS > COLOURS ? all(view.extra[&s - view.splats]) : F{};
+    const F alpha_max = all(view.alpha_max);
     const I here = all(position);
     F sums[SLOT_SIZE];
     for (int k = 0; k < SLOT_SIZE; ++k) sums[k] = F{};
@@ -91,23 +98,28 @@ MATTGS_INLINE void one_pair(const Prepared& prepared, int position, State& state
         RowSums rows{F{}, F{}, F{}};
         float* p = state.v[strip][first][0];
         const int32_t* stop = pixels.stop + (strip * TILE + first) * LANES;
-        for (int r = 0; r < count; ++r, p += FIELDS * LANES, stop += LANES) {
+        for (int r = 0; r < count; ++r, p += State<CHANNELS>::FIELDS * LANES, stop += LANES) {
             I counts;
             const F raw = column.next(counts);
-            const F alpha = keep(min(raw, all(ALPHA_MAX)), counts & (load(stop) > here));
+            const F alpha = keep(min(raw, alpha_max), counts & (load(stop) > here));
             const F before = load(p + TRANSMITTANCE * LANES) / (1.0f - alpha);
             const F w = alpha * before;
             store(p + TRANSMITTANCE * LANES, before);
             const F g0 = load(p + GRAD_RED * LANES), g1 = load(p + GRAD_GREEN * LANES),
                     g2 = load(p + GRAD_BLUE * LANES);
             const F behind = load(p + BEHIND * LANES);
-            const F ahead = g0 * red + g1 * green + g2 * blue - behind;
+            F ahead = g0 * red + g1 * green + g2 * blue - behind;
+            if (CHANNELS > COLOURS) {
+                const F g3 = load(p + GRAD_EXTRA * LANES);
+                ahead += g3 * extra;
+                sums[SUM_EXTRA] += w * g3;
+            }
             store(p + BEHIND * LANES, behind + alpha * ahead);
             sums[SUM_RED] += w * g0;
             sums[SUM_GREEN] += w * g1;
             sums[SUM_BLUE] += w * g2;
             // a clamped alpha does not change with the splat's shape or opacity
-            const F q = keep(w * ahead, raw <= ALPHA_MAX);
+            const F q = keep(w * ahead, raw <= alpha_max);
             if (BROAD_SPLAT) {
                 rows.q += q;
                 rows.qr += q * ROW[r];
@@ -138,13 +150,13 @@ MATTGS_INLINE void one_pair(const Prepared& prepared, int position, State& state
     sums[SUM_ABS_X] *= s.sx;
     const F8 low = sums_of_eight(sums), high = sums_of_eight(sums + 8);
     __builtin_memcpy(slot, &low, 32);
-    __builtin_memcpy(slot + 8, &high, STATISTICS ? 32 : 16);
+    __builtin_memcpy(slot + 8, &high, STATISTICS || CHANNELS > COLOURS ? 32 : 16);
 }
 
-template <bool STATISTICS>
+template <bool STATISTICS, int CHANNELS>
 void run(const BackwardTile& t) {
-    constexpr int size = STATISTICS ? SLOT_SIZE : SLOT_SIZE_PLAIN;
-    State state;
+    constexpr int size = STATISTICS || CHANNELS > COLOURS ? SLOT_SIZE : SLOT_SIZE_PLAIN;
+    State<CHANNELS> state;
     start(t, state);
     const auto slot_at = [&](int i) { return t.slots + (int64_t)t.view.pairs[i].place * size; };
     for (int i = t.processed; i < t.view.pair_count; ++i) {
@@ -163,17 +175,22 @@ void run(const BackwardTile& t) {
         const Prepared& now = prepared[i % 2];
         float* slot = slot_at(i);
         if (now.splat->curve >= 0.0f)
-            one_pair<STATISTICS, true>(now, i, state, *t.pixels, slot);
+            one_pair<STATISTICS, true>(t.view, now, i, state, *t.pixels, slot);
         else
-            one_pair<STATISTICS, false>(now, i, state, *t.pixels, slot);
+            one_pair<STATISTICS, false>(t.view, now, i, state, *t.pixels, slot);
     }
 }
 
 }  // namespace
 
 void backward(const BackwardTile& t) {
-    if (t.statistics) run<true>(t);
-    else run<false>(t);
+    if (t.view.extra) {
+        if (t.statistics) run<true, COLOURS + 1>(t);
+        else run<false, COLOURS + 1>(t);
+    } else {
+        if (t.statistics) run<true, COLOURS>(t);
+        else run<false, COLOURS>(t);
+    }
 }
 
 }  // namespace MATTGS_ISA

@@ -22,9 +22,22 @@ constexpr float FAR_TOO_BIG = 1e6f;             // px: an ellipse that counts as
 constexpr float HALF_LOG2E = 0.7213475204444817f;
 constexpr float LN2 = 0.6931471805599453f;
 constexpr float LOG_SCALE_LIMIT = 40.0f;        // e^40: keeps float32 finite, far beyond any scene
+constexpr float SCALE_LIMIT = 2.35e17f;         // about e^40, of scales themselves
 constexpr int SH_REST = 15;
 constexpr int FIELDS = 6;                       // of SplatArrays
 constexpr int COLOUR_FLOATS = 12;               // colour, and its derivatives by the mean
+constexpr int COLOURS = 3;                      // channels of every image
+constexpr int CAMERA_SUMS = 15;                 // dL/d rotation [9], translation [3], centre [3]
+
+// Where renderers of splats differ, and in which form parameters come. The defaults are 3DGS's own,
+// with parameters as they are optimised.
+struct Conventions {
+    float near_plane = NEAR_PLANE, far_plane = 3e38f, low_pass = LOW_PASS, alpha_max = ALPHA_MAX;
+    float radius_clip = 0.0f;    // px: splats that reach no further are left out
+    bool activated = false;      // scales and opacities themselves, not logarithms and logits
+    bool plain_colours = false;  // `sh_dc` holds colours: no harmonics, no clamp at 0
+    bool centres_apart = false;  // dL/d centre is handed out and not carried on to the mean
+};
 
 struct Camera {
     float rotation[9];     // world to camera, row major
@@ -33,6 +46,7 @@ struct Camera {
     float fx, fy, cx, cy;
     int32_t width, height;
     float x_low, x_high, y_low, y_high;  // limits of x/z and y/z in the Jacobian
+    Conventions conventions;
 };
 
 // Parameters, or their gradients: [n,3], [n,3], [n,4], [n], [n,3], [n,15,3].
@@ -75,9 +89,9 @@ struct Slots {
 // Sums over the pixels of one pair; q = alpha * dL/dalpha, w = blending weight.
 enum Slot {
     SUM_Q, SUM_QU, SUM_QUU, SUM_QY, SUM_QUY, SUM_QYY, SUM_RED, SUM_GREEN,
-    SUM_BLUE, SUM_ABS_X, SUM_ABS_Y, SUM_W, SUM_WMAP, SLOT_SIZE = 16
+    SUM_BLUE, SUM_ABS_X, SUM_ABS_Y, SUM_W, SUM_WMAP, SUM_EXTRA, SLOT_SIZE = 16
 };
-constexpr int SLOT_SIZE_PLAIN = 12;  // without statistics only the first nine are kept
+constexpr int SLOT_SIZE_PLAIN = 12;  // without statistics and extra only the first nine are kept
 
 // What the forward pass leaves behind for each pixel of a tile, strips of LANES columns first.
 struct TilePixels {
@@ -87,17 +101,19 @@ struct TilePixels {
 
 struct TileView {
     const Projected* splats;    // by rank
+    const float* extra;         // by rank: a fourth channel, without a background; or null
     const Pair* pairs;          // this tile's, front to back
     int32_t pair_count;
     int32_t x0, y0;             // first pixel
     int32_t width, height;      // of the whole image
+    float alpha_max;
 };
 
 struct ForwardTile {
     TileView view;
     TilePixels* pixels;
     float background[3];
-    float* image;               // [height, width, 3]
+    float* image;               // [height, width, 3, or 4 with extra]
     float* alpha;               // [height, width]
     int32_t processed;          // out: pairs looked at before every pixel was finished
 };
@@ -106,7 +122,7 @@ struct BackwardTile {
     TileView view;
     const TilePixels* pixels;
     float background[3];
-    const float* grad_image;    // [height, width, 3]
+    const float* grad_image;    // [height, width, 3, or 4 with extra]
     const float* grad_alpha;    // [height, width] or null
     const float* pixel_map;     // [height, width] or null
     float* slots;               // of all tiles, those of one splat one after the other
@@ -144,6 +160,7 @@ struct LossSums {               // over one row's values
 struct ProjectOutputs {
     Projected* projected;
     float *depths, *radii, *means2d;
+    float* extents;             // [n, 2] half sizes of the ellipse, px, rounded up; or null
     float* colours;
 };
 
@@ -153,10 +170,17 @@ struct SplatSums {
     const float* slots;
     const float* colours;       // as project() left them
     bool statistics;
+    int slot_size;
 };
 
 struct SplatStatistics {
     float *means2d, *means2d_abs, *weight, *weighted_map;
+};
+
+struct GradientOutputs {
+    SplatArrays<float> splats;  // sh_rest may be null
+    float* extra;               // [n] or null
+    SplatStatistics seen;
 };
 
 struct AdamSettings {
@@ -180,10 +204,11 @@ struct Kernels {
     // 16 then. Returns how many have a parameter that is NaN or infinite.
     int64_t (*project)(const SplatArrays<const float>&, const Camera&, int sh_degree, int64_t first,
                        int64_t last, const ProjectOutputs&);
-    // dL/dparameters of splats [first, last) from the sums of their pairs.
+    // dL/dparameters of splats [first, last) from the sums of their pairs; unless null, `camera`
+    // [CAMERA_SUMS] gets what they sum up to for the camera.
     void (*project_backward)(const SplatArrays<const float>&, const Camera&, int sh_degree,
-                             int64_t first, int64_t last, const SplatSums&,
-                             const SplatArrays<float>& gradients, const SplatStatistics&);
+                             int64_t first, int64_t last, const SplatSums&, const GradientOutputs&,
+                             double* camera);
     // The same, and at once a step of Adam: gradients never leave the cache. At degree 0 `sh_rest`
     // is left alone. Returns a bit for each field that has a gradient which is not finite.
     uint32_t (*descend)(const Camera&, int sh_degree, int64_t first, int64_t last,

@@ -15,11 +15,13 @@ namespace {
 constexpr int32_t NEVER = 0x7fffffff;
 constexpr int CHECK_EVERY = 32;  // pairs between looks at whether every pixel is finished
 
+template <int CHANNELS>
 struct alignas(64) State {
-    float v[STRIPS][TILE][4][LANES];  // transmittance, red, green, blue
+    float v[STRIPS][TILE][1 + CHANNELS][LANES];  // transmittance, red, green, blue, extra
 };
 
-MATTGS_INLINE void start(const TileView& view, State& state, TilePixels& pixels) {
+template <int CHANNELS>
+MATTGS_INLINE void start(const TileView& view, State<CHANNELS>& state, TilePixels& pixels) {
     for (int s = 0; s < STRIPS; ++s) {
         const I column = lanes_from(view.x0 + s * LANES);
         for (int r = 0; r < TILE; ++r) {
@@ -27,13 +29,14 @@ MATTGS_INLINE void start(const TileView& view, State& state, TilePixels& pixels)
             const I inside = (column < view.width) & all(view.y0 + r < view.height ? -1 : 0);
             float* p = state.v[s][r][0];
             store(p, inside ? all(1.0f) : all(-1.0f));
-            for (int k = 1; k < 4; ++k) store(p + k * LANES, F{});
+            for (int k = 1; k <= CHANNELS; ++k) store(p + k * LANES, F{});
             store(pixels.stop + (s * TILE + r) * LANES, inside ? all(NEVER) : I{});
         }
     }
 }
 
-MATTGS_INLINE bool all_finished(const State& state) {
+template <int CHANNELS>
+MATTGS_INLINE bool all_finished(const State<CHANNELS>& state) {
     F most = all(-1.0f);
     for (int s = 0; s < STRIPS; ++s)
         for (int r = 0; r < TILE; ++r) most = max(most, load(state.v[s][r][0]));
@@ -41,28 +44,32 @@ MATTGS_INLINE bool all_finished(const State& state) {
 }
 
 // Notes where pixels of rows [first, last) were finished by the pair at `position`.
+template <int CHANNELS>
 __attribute__((noinline)) void note_finished(const float* state, int32_t* stop, int rows,
                                              int position) {
-    for (int r = 0; r < rows; ++r, state += 4 * LANES, stop += LANES) {
+    for (int r = 0; r < rows; ++r, state += (1 + CHANNELS) * LANES, stop += LANES) {
         const I old = load(stop);
         store(stop, (load(state) < 0.0f) & (old == NEVER) ? all(position) : old);
     }
 }
 
-template <bool BROAD_SPLAT>
-MATTGS_INLINE void blend(const Prepared& prepared, int position, State& state, TilePixels& pixels) {
+template <bool BROAD_SPLAT, int CHANNELS>
+MATTGS_INLINE void blend(const TileView& view, const Prepared& prepared, int position,
+                         State<CHANNELS>& state, TilePixels& pixels) {
     const Projected& s = *prepared.splat;
     const F red = all(s.red), green = all(s.green), blue = all(s.blue);
+    const F extra = CHANNELS > COLOURS ? all(view.extra[&s - view.splats]) : F{};
+    const F alpha_max = all(view.alpha_max);
     for (int i = 0; i < prepared.count; ++i) {
         const int strip = prepared.used[i], first = prepared.first[strip];
         const int rows = prepared.rows[strip];
         Column<BROAD_SPLAT> column(prepared, strip);
         float* p = state.v[strip][first][0];
         I finished = I{};
-        for (int r = 0; r < rows; ++r, p += 4 * LANES) {
+        for (int r = 0; r < rows; ++r, p += (1 + CHANNELS) * LANES) {
             I counts;
             const F raw = column.next(counts);
-            const F alpha = keep(min(raw, all(ALPHA_MAX)), counts);
+            const F alpha = keep(min(raw, alpha_max), counts);
             const F before = load(p);
             F w = alpha * before;
             const F after = before - w;
@@ -74,18 +81,20 @@ MATTGS_INLINE void blend(const Prepared& prepared, int position, State& state, T
             store(p + LANES, load(p + LANES) + w * red);
             store(p + 2 * LANES, load(p + 2 * LANES) + w * green);
             store(p + 3 * LANES, load(p + 3 * LANES) + w * blue);
+            if (CHANNELS > COLOURS) store(p + 4 * LANES, load(p + 4 * LANES) + w * extra);
         }
         if (any(finished))
-            note_finished(state.v[strip][first][0], pixels.stop + (strip * TILE + first) * LANES,
-                          rows, position);
+            note_finished<CHANNELS>(state.v[strip][first][0],
+                                    pixels.stop + (strip * TILE + first) * LANES, rows, position);
     }
 }
 
-MATTGS_INLINE void finish(const ForwardTile& t, const State& state) {
+template <int CHANNELS>
+MATTGS_INLINE void finish(const ForwardTile& t, const State<CHANNELS>& state) {
     const TileView& v = t.view;
     const int rows = v.height - v.y0 < TILE ? v.height - v.y0 : TILE;
     const int columns = v.width - v.x0 < TILE ? v.width - v.x0 : TILE;
-    alignas(64) float line[4][TILE];
+    alignas(64) float line[1 + CHANNELS][TILE];
     for (int r = 0; r < rows; ++r) {
         for (int s = 0; s < STRIPS; ++s) {
             const float* p = state.v[s][r][0];
@@ -94,23 +103,21 @@ MATTGS_INLINE void finish(const ForwardTile& t, const State& state) {
             store(line[0] + s * LANES, 1.0f - left);
             for (int k = 0; k < 3; ++k)
                 store(line[1 + k] + s * LANES, load(p + (1 + k) * LANES) + left * t.background[k]);
+            if (CHANNELS > COLOURS) store(line[CHANNELS] + s * LANES, load(p + CHANNELS * LANES));
         }
         const int64_t pixel = (int64_t)(v.y0 + r) * v.width + v.x0;
-        float* __restrict image = t.image + 3 * pixel;
+        float* __restrict image = t.image + CHANNELS * pixel;
         float* __restrict alpha = t.alpha + pixel;
         for (int x = 0; x < columns; ++x) {
-            image[3 * x] = line[1][x];
-            image[3 * x + 1] = line[2][x];
-            image[3 * x + 2] = line[3][x];
+            for (int k = 0; k < CHANNELS; ++k) image[CHANNELS * x + k] = line[1 + k][x];
             alpha[x] = line[0][x];
         }
     }
 }
 
-}  // namespace
-
-void forward(ForwardTile& t) {
-    State state;
+template <int CHANNELS>
+void run(ForwardTile& t) {
+    State<CHANNELS> state;
     start(t.view, state, *t.pixels);
     Prepared prepared[2];
     if (t.view.pair_count) prepare(t.view, 0, prepared[0]);
@@ -121,12 +128,19 @@ void forward(ForwardTile& t) {
         if (i + 1 < t.view.pair_count) prepare(t.view, i + 1, prepared[(i + 1) % 2]);
         const Prepared& now = prepared[i % 2];
         if (now.splat->curve >= 0.0f)
-            blend<true>(now, i, state, *t.pixels);
+            blend<true>(t.view, now, i, state, *t.pixels);
         else
-            blend<false>(now, i, state, *t.pixels);
+            blend<false>(t.view, now, i, state, *t.pixels);
     }
     t.processed = i;
     finish(t, state);
+}
+
+}  // namespace
+
+void forward(ForwardTile& t) {
+    if (t.view.extra) run<COLOURS + 1>(t);
+    else run<COLOURS>(t);
 }
 
 }  // namespace MATTGS_ISA

@@ -44,7 +44,7 @@ MATTGS_INLINE Geometry geometry_of(const F mean[3], const F log_scale[3], const 
     for (int i = 0; i < 3; ++i)
         g.local[i] = w[3 * i] * mean[0] + w[3 * i + 1] * mean[1] + w[3 * i + 2] * mean[2] +
                      c.translation[i];
-    g.in_front = g.local[2] > NEAR_PLANE;
+    g.in_front = (g.local[2] > c.conventions.near_plane) & (g.local[2] < c.conventions.far_plane);
     g.z = g.in_front ? g.local[2] : all(1.0f);
 
     const F norm2 = quat[0] * quat[0] + quat[1] * quat[1] + quat[2] * quat[2] + quat[3] * quat[3];
@@ -52,9 +52,11 @@ MATTGS_INLINE Geometry geometry_of(const F mean[3], const F log_scale[3], const 
     g.q_scale = keep(1.0f / sqrt(max(norm2, all(1e-30f))), norm2 > 1e-24f);
     for (int i = 0; i < 4; ++i) g.q[i] = quat[i] * g.q_scale;
     rotation_of(g.q, g.r);
-    for (int j = 0; j < 3; ++j)
-        g.scale[j] =
-            exp_accurate(min(max(log_scale[j], all(-LOG_SCALE_LIMIT)), all(LOG_SCALE_LIMIT)));
+    const F limit = all(c.conventions.activated ? SCALE_LIMIT : LOG_SCALE_LIMIT);
+    for (int j = 0; j < 3; ++j) {
+        g.scale[j] = min(max(log_scale[j], -limit), limit);
+        if (!c.conventions.activated) g.scale[j] = exp_accurate(g.scale[j]);
+    }
 
     const float focal[2] = {c.fx, c.fy};
     const float low[2] = {c.x_low, c.y_low}, high[2] = {c.x_high, c.y_high};
@@ -76,14 +78,15 @@ struct Covariance {
 };
 
 // In double: det is a difference of nearly equal products when the splat is a needle.
-MATTGS_INLINE Covariance covariance_of(const Geometry& g) {
+MATTGS_INLINE Covariance covariance_of(const Geometry& g, const Camera& c) {
+    const double low_pass = c.conventions.low_pass;
     Covariance v;
     D m[2][3];
     for (int i = 0; i < 2; ++i)
         for (int j = 0; j < 3; ++j) m[i][j] = __builtin_convertvector(g.m[i][j], D);
-    v.xx = m[0][0] * m[0][0] + m[0][1] * m[0][1] + m[0][2] * m[0][2] + (double)LOW_PASS;
+    v.xx = m[0][0] * m[0][0] + m[0][1] * m[0][1] + m[0][2] * m[0][2] + low_pass;
     v.xy = m[0][0] * m[1][0] + m[0][1] * m[1][1] + m[0][2] * m[1][2];
-    v.yy = m[1][0] * m[1][0] + m[1][1] * m[1][1] + m[1][2] * m[1][2] + (double)LOW_PASS;
+    v.yy = m[1][0] * m[1][0] + m[1][1] * m[1][1] + m[1][2] * m[1][2] + low_pass;
     v.det = v.xx * v.yy - v.xy * v.xy;
     return v;
 }

@@ -11,8 +11,7 @@ int64_t project(const SplatArrays<const float>&, const Camera&, int sh_degree, i
                 int64_t last, const ProjectOutputs&);
 // project_back.cpp
 void project_backward(const SplatArrays<const float>&, const Camera&, int sh_degree, int64_t first,
-                      int64_t last, const SplatSums&, const SplatArrays<float>& gradients,
-                      const SplatStatistics&);
+                      int64_t last, const SplatSums&, const GradientOutputs&, double* camera);
 uint32_t descend(const Camera&, int sh_degree, int64_t first, int64_t last, const SplatSums&,
                  const Descent&, const SplatStatistics&);
 // binning.cpp

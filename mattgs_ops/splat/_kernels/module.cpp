@@ -25,6 +25,7 @@ namespace {
 
 using In = nb::ndarray<const float, nb::c_contig, nb::device::cpu>;
 using Out = nb::ndarray<float, nb::c_contig, nb::device::cpu>;
+using Sums = nb::ndarray<double, nb::c_contig, nb::device::cpu>;
 using SplatsIn = std::tuple<In, In, In, In, In, In>;
 using SplatsOut = std::tuple<Out, Out, Out, Out, Out, Out>;
 using StatisticsOut = std::tuple<Out, Out, Out, Out>;
@@ -51,7 +52,8 @@ SplatArrays<T> splats_of(const Tuple& t) {
             data_of(std::get<2>(t), {n, 4}, "quaternions"),
             data_of(std::get<3>(t), {n}, "opacity_logits"),
             data_of(std::get<4>(t), {n, 3}, "sh_dc"),
-            data_of(std::get<5>(t), {n, SH_REST, 3}, "sh_rest"),
+            // none where nothing depends on the direction of view
+            std::get<5>(t).shape(0) ? data_of(std::get<5>(t), {n, SH_REST, 3}, "sh_rest") : nullptr,
             n};
 }
 
@@ -85,16 +87,38 @@ Camera camera_of(const std::array<double, 9>& r, const std::array<double, 3>& t,
     return c;
 }
 
+// What gsplat does: parameters after their activation; the camera's centre; near plane, far plane,
+// low pass, largest alpha, radius clip; and whether colours are plain.
+using OtherConventionsIn = std::tuple<std::array<double, 3>, std::array<double, 5>, bool>;
+
+void take_conventions(Camera& c, const OtherConventionsIn& given) {
+    const auto& [centre, limits, plain_colours] = given;
+    for (int i = 0; i < 3; ++i) c.centre[i] = static_cast<float>(centre[i]);
+    Conventions& to = c.conventions;
+    to.near_plane = static_cast<float>(limits[0]);
+    to.far_plane = static_cast<float>(limits[1]);
+    to.low_pass = static_cast<float>(limits[2]);
+    to.alpha_max = static_cast<float>(limits[3]);
+    to.radius_clip = static_cast<float>(limits[4]);
+    to.plain_colours = plain_colours;
+    to.activated = to.centres_apart = true;
+}
+
 void render(Rendering& rendering, const SplatsIn& splats, const Out& image, const Out& alpha,
-            const Out& radii, const Out& means2d, int64_t* bad) {
+            const Out& radii, const Out& means2d, const std::optional<Out>& extents,
+            const std::optional<In>& extra, int64_t* bad) {
     const auto s = splats_of<const float>(splats);
     const Camera& c = rendering.camera();
-    const RenderOutputs out{data_of(image, {c.height, c.width, 3}, "image"),
-                            data_of(alpha, {c.height, c.width}, "alpha"),
-                            data_of(radii, {s.count}, "radii"),
-                            data_of(means2d, {s.count, 2}, "means2d")};
+    if (!s.sh_rest && s.count && rendering.uses_rest())
+        throw nb::value_error("sh_rest: expected coefficients");
+    const RenderOutputs out{
+        data_of(image, {c.height, c.width, extra ? COLOURS + 1 : COLOURS}, "image"),
+        data_of(alpha, {c.height, c.width}, "alpha"), data_of(radii, {s.count}, "radii"),
+        data_of(means2d, {s.count, 2}, "means2d"),
+        extents ? data_of(*extents, {s.count, 2}, "extents") : nullptr};
+    const float* fourth = extra ? data_of(*extra, {s.count}, "extra") : nullptr;
     const nb::gil_scoped_release release;
-    *bad = rendering.forward(s, out);
+    *bad = rendering.forward(s, out, fourth);
 }
 
 AdamSettings adam_settings(const std::array<double, 3>& betas_and_epsilon, int64_t step) {
@@ -113,7 +137,8 @@ BackwardInputs pixels_of(const Rendering& rendering, int64_t count, const In& gr
         throw nb::value_error("another number of splats than was rendered");
     if (!rendering.differentiable()) throw nb::value_error("rendered without a way back");
     const Camera& c = rendering.camera();
-    BackwardInputs in{data_of(grad_image, {c.height, c.width, 3}, "grad_image"), nullptr, nullptr};
+    BackwardInputs in{data_of(grad_image, {c.height, c.width, rendering.channels()}, "grad_image"),
+                      nullptr, nullptr};
     if (grad_alpha) in.grad_alpha = data_of(*grad_alpha, {c.height, c.width}, "grad_alpha");
     if (pixel_map) in.pixel_map = data_of(*pixel_map, {c.height, c.width}, "pixel_map");
     return in;
@@ -129,14 +154,18 @@ SplatStatistics statistics_of(const StatisticsOut& seen, int64_t count, bool sta
 
 void backward(Rendering& rendering, const SplatsIn& splats, const In& grad_image,
               const std::optional<In>& grad_alpha, const std::optional<In>& pixel_map,
-              const SplatsOut& grads, const StatisticsOut& seen, bool statistics) {
+              const SplatsOut& grads, const StatisticsOut& seen, bool statistics,
+              const std::optional<Out>& grad_extra, const std::optional<Sums>& grad_camera) {
     const auto s = splats_of<const float>(splats);
     const auto out = splats_of<float>(grads);
     const BackwardInputs in = pixels_of(rendering, s.count, grad_image, grad_alpha, pixel_map);
-    const SplatStatistics to = statistics_of(seen, s.count, statistics);
+    const GradientOutputs to{out,
+                             grad_extra ? data_of(*grad_extra, {s.count}, "grad_extra") : nullptr,
+                             statistics_of(seen, s.count, statistics)};
+    double* camera = grad_camera ? data_of(*grad_camera, {CAMERA_SUMS}, "grad_camera") : nullptr;
     if (out.count != s.count) throw nb::value_error("gradients: unexpected shape");
     const nb::gil_scoped_release release;
-    rendering.backward(s, in, out, to, statistics);
+    rendering.backward(s, in, to, statistics, camera);
 }
 
 uint32_t descend(Rendering& rendering, const SplatsOut& splats, const In& grad_image,
@@ -149,7 +178,11 @@ uint32_t descend(Rendering& rendering, const SplatsOut& splats, const In& grad_i
     const int64_t count = to.values.count;
     if (to.first_moments.count != count || to.second_moments.count != count)
         throw nb::value_error("moments: unexpected shape");
+    for (const auto* s : {&to.values, &to.first_moments, &to.second_moments})
+        if (count && !s->sh_rest) throw nb::value_error("sh_rest: unexpected shape");
     std::copy(rates.begin(), rates.end(), to.rates);
+    if (rendering.channels() != COLOURS || rendering.plain())
+        throw nb::value_error("descend: expected a rendering of 3DGS's own kind");
     const BackwardInputs in = pixels_of(rendering, count, grad_image, grad_alpha, pixel_map);
     const SplatStatistics out = statistics_of(seen, count, statistics);
     const nb::gil_scoped_release release;
@@ -191,6 +224,7 @@ bool use(const std::string& name) {
 NB_MODULE(_engine, m) {
     using namespace mattgs;
     active = choose_kernels(nullptr);
+    nb::set_leak_warnings(false);  // a graph of torch's may hold a rendering to the program's end
     m.attr("TILE") = TILE;
     m.def("instruction_set", [] { return std::string(active->name); });
     m.def("multiply_add", [](int64_t rounds) {
@@ -204,24 +238,30 @@ NB_MODULE(_engine, m) {
             [](Rendering* self, const std::array<double, 9>& r, const std::array<double, 3>& t,
                const std::array<double, 4>& k, int width, int height,
                const std::array<float, 3>& background, int sh_degree, int threads,
-               bool differentiable) {
+               bool differentiable, const std::optional<OtherConventionsIn>& conventions) {
                 if (sh_degree < 0 || sh_degree > 3)
                     throw nb::value_error("sh_degree: expected 0 to 3");
-                new (self) Rendering(*active, camera_of(r, t, k, width, height), background.data(),
-                                     sh_degree, checked_threads(threads), differentiable);
+                Camera camera = camera_of(r, t, k, width, height);
+                if (conventions) take_conventions(camera, *conventions);
+                new (self) Rendering(*active, camera, background.data(), sh_degree,
+                                     checked_threads(threads), differentiable);
             },
             "rotation"_a, "translation"_a, "intrinsics"_a, "width"_a, "height"_a, "background"_a,
-            "sh_degree"_a, "threads"_a, "differentiable"_a)
+            "sh_degree"_a, "threads"_a, "differentiable"_a, "conventions"_a.none() = nb::none())
         .def("forward",
              [](Rendering& self, const SplatsIn& splats, const Out& image, const Out& alpha,
-                const Out& radii, const Out& means2d) {
+                const Out& radii, const Out& means2d, const std::optional<Out>& extents,
+                const std::optional<In>& extra) {
                  int64_t bad = 0;
-                 render(self, splats, image, alpha, radii, means2d, &bad);
+                 render(self, splats, image, alpha, radii, means2d, extents, extra, &bad);
                  return bad;
-             })
+             },
+             "splats"_a, "image"_a, "alpha"_a, "radii"_a, "means2d"_a,
+             "extents"_a.none() = nb::none(), "extra"_a.none() = nb::none())
         .def("backward", &backward, nb::arg("splats"), nb::arg("grad_image"),
              nb::arg("grad_alpha").none(), nb::arg("pixel_map").none(), nb::arg("grads"),
-             nb::arg("seen"), nb::arg("statistics"))
+             nb::arg("seen"), nb::arg("statistics"), nb::arg("grad_extra").none() = nb::none(),
+             nb::arg("grad_camera").none() = nb::none())
         .def("descend", &descend, nb::arg("splats"), nb::arg("grad_image"),
              nb::arg("grad_alpha").none(), nb::arg("pixel_map").none(), nb::arg("first_moments"),
              nb::arg("second_moments"), nb::arg("rates"), nb::arg("settings"), nb::arg("step"),

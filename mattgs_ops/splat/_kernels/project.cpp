@@ -27,14 +27,15 @@ MATTGS_INLINE I not_finite(const Inputs& in) {
     return zero != zero;
 }
 
-// Colours before the clamp at 0: SH + 1/2.
+// Colours before the clamp at 0: SH + 1/2, or as they are.
 MATTGS_INLINE void colours_of(const SplatArrays<const float>& s, const F b[15], int degree,
-                              int64_t first, int64_t end, F rest[45], F colour[3]) {
+                              bool plain, int64_t first, int64_t end, F rest[45],
+                              F colour[3]) {
     const int lanes = lanes_left(first, end);
     F dc[3];
     gather_rows<3>(s.sh_dc + 3 * first, lanes, dc);
-    for (int c = 0; c < 3; ++c) colour[c] = SH_0 * dc[c] + 0.5f;
-    if (degree == 0) return;
+    for (int c = 0; c < 3; ++c) colour[c] = plain ? dc[c] : SH_0 * dc[c] + 0.5f;
+    if (plain || degree == 0) return;
     gather_rows<45>(s.sh_rest + 45 * first, lanes, rest);
     for (int k = 0; k < (degree + 1) * (degree + 1) - 1; ++k)
         for (int c = 0; c < 3; ++c) colour[c] += b[k] * rest[3 * k + c];
@@ -63,6 +64,8 @@ MATTGS_INLINE void store_lanes(float* p, F v, int count) { scatter_rows<1>(&v, p
 
 int64_t project(const SplatArrays<const float>& s, const Camera& c, int degree, int64_t first,
                 int64_t last, const ProjectOutputs& out) {
+    const Conventions& asked = c.conventions;
+    if (asked.plain_colours) degree = 0;
     int64_t bad = 0;
     for (int64_t n = first; n < last; n += LANES) {
         const int lanes = lanes_left(n, last);
@@ -72,16 +75,25 @@ int64_t project(const SplatArrays<const float>& s, const Camera& c, int degree, 
         for (int i = 0; i < lanes; ++i) bad -= broken[i];
 
         const Geometry g = geometry_of(in.mean, in.log_scale, in.quat, c);
-        const Covariance v = covariance_of(g);
+        const Covariance v = covariance_of(g, c);
         const F x = c.fx * g.local[0] / g.z + c.cx, y = c.fy * g.local[1] / g.z + c.cy;
-        const F peak = log2_of(sigmoid(in.logit));
+        const F opacity = asked.activated ? max(in.logit, all(1e-30f)) : sigmoid(in.logit);
+        const F peak = log2_of(opacity);
         const F level = max(peak - LOG2_ALPHA_MIN, F{});
         const F xx = narrow(v.xx), yy = narrow(v.yy);
         const F extent_x = sqrt(level * (1.0f / HALF_LOG2E) * xx);
         const F extent_y = sqrt(level * (1.0f / HALF_LOG2E) * yy);
-        const I visible = ~broken & g.in_front & (peak >= LOG2_ALPHA_MIN) & (x + extent_x > 0.0f) &
-                          (x - extent_x < (float)c.width) & (y + extent_y > 0.0f) &
-                          (y - extent_y < (float)c.height);
+        I visible = ~broken & g.in_front & (peak >= LOG2_ALPHA_MIN) & (x + extent_x > 0.0f) &
+                    (x - extent_x < (float)c.width) & (y + extent_y > 0.0f) &
+                    (y - extent_y < (float)c.height);
+        const F extents[2] = {ceil(extent_x), ceil(extent_y)};
+        if (asked.radius_clip > 0.0f)
+            visible &= (extents[0] > asked.radius_clip) | (extents[1] > asked.radius_clip);
+        if (asked.low_pass == 0.0f) visible &= narrow(v.det) > 0.0f;
+        if (out.extents) {
+            const F kept[2] = {keep(extents[0], visible), keep(extents[1], visible)};
+            scatter_rows<2>(kept, out.extents + 2 * n, lanes);
+        }
         const F centre[2] = {keep(x, g.in_front), keep(y, g.in_front)};
         scatter_rows<2>(centre, out.means2d + 2 * n, lanes);
         store_lanes(out.depths + n, keep(g.z, visible), lanes);
@@ -93,10 +105,11 @@ int64_t project(const SplatArrays<const float>& s, const Camera& c, int degree, 
         F d[3], b[15], rest[45], colour[3];
         const F inverse = view_direction(in.mean, c, d);
         sh_basis(d, degree, b);
-        colours_of(s, b, degree, n, last, rest, colour);
+        colours_of(s, b, degree, asked.plain_colours, n, last, rest, colour);
         const I no_colour = (colour[0] + colour[1] + colour[2]) * 0.0f != F{};
         for (int i = 0; i < lanes; ++i) bad += no_colour[i] && visible[i] ? 1 : 0;
-        if (out.colours)
+        const F least = all(asked.plain_colours ? -3e38f : 0.0f);
+        if (out.colours && !asked.plain_colours)
             keep_colours(colour, rest, d, inverse, degree, out.colours + COLOUR_FLOATS * n);
 
         const F sx = sqrt(narrow((double)HALF_LOG2E * v.yy / v.det));
@@ -114,9 +127,9 @@ int64_t project(const SplatArrays<const float>& s, const Camera& c, int degree, 
                                  sy,
                                  fall,
                                  peak,
-                                 max(colour[0], F{}),
-                                 max(colour[1], F{}),
-                                 max(colour[2], F{}),
+                                 max(colour[0], least),
+                                 max(colour[1], least),
+                                 max(colour[2], least),
                                  extent_x,
                                  extent_y,
                                  curve};

@@ -11,7 +11,7 @@ namespace {
 // Sums of the pairs of LANES splats, one vector per slot; always added in the same order.
 MATTGS_INLINE void sum_slots(const SplatSums& in, int64_t n, int lanes, F sums[SLOT_SIZE]) {
     alignas(64) float rows[LANES][SLOT_SIZE];
-    const int size = in.statistics ? SLOT_SIZE : SLOT_SIZE_PLAIN;
+    const int size = in.slot_size;
     const float* slot = in.slots + (int64_t)(in.of[n].end - in.of[n].count) * size;
     for (int i = 0; i < LANES; ++i) {
         const uint32_t count = i < lanes ? in.of[n + i].count : 0;
@@ -30,7 +30,7 @@ MATTGS_INLINE void sum_slots(const SplatSums& in, int64_t n, int lanes, F sums[S
 // Asks for the slots of the LANES splats after those from n on.
 MATTGS_INLINE void prefetch_slots(const SplatSums& in, int64_t n, int64_t last) {
     if (n + 2 * LANES > last) return;
-    const int size = in.statistics ? SLOT_SIZE : SLOT_SIZE_PLAIN;
+    const int size = in.slot_size;
     const int64_t from = in.of[n + LANES - 1].end, to = in.of[n + 2 * LANES - 1].end;
     prefetch_floats(in.slots + from * size, (to - from) * size);
 }
@@ -72,17 +72,26 @@ MATTGS_INLINE Gradients2d gradients_2d(const F sums[SLOT_SIZE], const Covariance
 
 struct Gradients3d {
     F mean[3], log_scale[3], quat[4];
+    F local[3], a[2][3];  // of the mean in the camera, of the rows of Jacobian times rotation
 };
 
 MATTGS_INLINE Gradients3d gradients_3d(const Geometry& g, const Gradients2d& d,
                                        const F log_scale[3], const Camera& c) {
     Gradients3d out;
-    F dm[2][3], da[2][3], dr[3][3];
+    const bool activated = c.conventions.activated;
+    F dm[2][3], dr[3][3];
+    auto& da = out.a;
     for (int j = 0; j < 3; ++j) {
         dm[0][j] = 2.0f * d.xx * g.m[0][j] + d.xy * g.m[1][j];
         dm[1][j] = 2.0f * d.yy * g.m[1][j] + d.xy * g.m[0][j];
-        const F inside = dm[0][j] * g.m[0][j] + dm[1][j] * g.m[1][j];
-        out.log_scale[j] = keep(inside, abs(log_scale[j]) <= LOG_SCALE_LIMIT);
+        F inside = dm[0][j] * g.m[0][j] + dm[1][j] * g.m[1][j];
+        if (activated) {  // the scale itself: m without it
+            inside = F{};
+            for (int k = 0; k < 3; ++k)
+                inside += g.r[k][j] * (dm[0][j] * g.a[0][k] + dm[1][j] * g.a[1][k]);
+        }
+        out.log_scale[j] =
+            keep(inside, abs(log_scale[j]) <= (activated ? SCALE_LIMIT : LOG_SCALE_LIMIT));
     }
     for (int j = 0; j < 3; ++j)
         for (int i = 0; i < 3; ++i)
@@ -91,8 +100,10 @@ MATTGS_INLINE Gradients3d gradients_3d(const Geometry& g, const Gradients2d& d,
 
     const float* w = c.rotation;
     const float focal[2] = {c.fx, c.fy};
-    const F d2[2] = {d.x, d.y};
-    F local[3] = {F{}, F{}, F{}};
+    const bool apart = c.conventions.centres_apart;
+    const F d2[2] = {apart ? F{} : d.x, apart ? F{} : d.y};
+    auto& local = out.local;
+    for (int k = 0; k < 3; ++k) local[k] = F{};
     for (int i = 0; i < 2; ++i) {
         for (int k = 0; k < 3; ++k)
             da[i][k] = dm[i][0] * g.scale[0] * g.r[k][0] + dm[i][1] * g.scale[1] * g.r[k][1] +
@@ -115,7 +126,7 @@ constexpr int SH_ROW = 16;  // floats of a row of basis functions, 15 and one mo
 
 // Gradients of LANES splats; those of sh_rest are the outer product of `basis` and `colour`.
 struct Gradients {
-    F mean[3], log_scale[3], quat[4], logit, dc[3];
+    F mean[3], log_scale[3], quat[4], logit, dc[3], extra;
     F basis[SH_ROW], colour[3];
     F centre[2], sums[SLOT_SIZE];
 };
@@ -123,6 +134,10 @@ struct Gradients {
 MATTGS_INLINE void colour_gradient(const float* kept, const Camera& c, int degree,
                                    const F mean[3], I visible, Gradients& out) {
     F d[3];
+    if (c.conventions.plain_colours) {
+        for (int k = 0; k < 3; ++k) out.dc[k] = keep(out.sums[SUM_RED + k], visible);
+        return;
+    }
     for (int k = 0; k < 3; ++k) {
         out.colour[k] = keep(out.sums[SUM_RED + k], (load(kept + k * LANES) > 0.0f) & visible);
         out.dc[k] = SH_0 * out.colour[k];
@@ -136,9 +151,43 @@ MATTGS_INLINE void colour_gradient(const float* kept, const Camera& c, int degre
             out.mean[k] += load(kept + (3 + 3 * j + k) * LANES) * out.colour[j];
 }
 
+// What splats sum up to for the camera, one vector over splats a number.
+struct CameraGradients {
+    F rotation[9], translation[3], centre[3];
+
+    // `direction`: dL/d mean by way of the direction of view.
+    MATTGS_INLINE void add(const Gradients3d& d, const Geometry& g, const F mean[3],
+                           const F direction[3], I visible, const Camera& c) {
+        const float focal[2] = {c.fx, c.fy};
+        for (int j = 0; j < 3; ++j) {
+            F toward = F{};
+            for (int i = 0; i < 2; ++i) {
+                const F moved = focal[i] / g.z * d.a[i][j];
+                rotation[3 * i + j] += keep(moved, visible);
+                toward -= moved * g.ratio[i];
+            }
+            rotation[6 + j] += keep(toward, visible);
+            for (int k = 0; k < 3; ++k) rotation[3 * k + j] += keep(d.local[k] * mean[j], visible);
+            translation[j] += keep(d.local[j], visible);
+            centre[j] -= keep(direction[j], visible);
+        }
+    }
+
+    MATTGS_INLINE void sum_up(double to[CAMERA_SUMS]) const {
+        const auto put = [&](int at, F v) {
+            to[at] = 0.0;
+            for (int i = 0; i < LANES; ++i) to[at] += v[i];
+        };
+        for (int k = 0; k < 9; ++k) put(k, rotation[k]);
+        for (int k = 0; k < 3; ++k) put(9 + k, translation[k]);
+        for (int k = 0; k < 3; ++k) put(12 + k, centre[k]);
+    }
+};
+
 // Of splats [n, n + lanes); all zero where none of them was seen.
 MATTGS_INLINE Gradients gradients_of(const SplatArrays<const float>& s, const Camera& c, int degree,
-                                     int64_t n, int64_t last, const SplatSums& in) {
+                                     int64_t n, int64_t last, const SplatSums& in,
+                                     CameraGradients* camera) {
     const int lanes = lanes_left(n, last);
     prefetch_slots(in, n, last);
     I visible = I{};
@@ -148,11 +197,18 @@ MATTGS_INLINE Gradients gradients_of(const SplatArrays<const float>& s, const Ca
     sum_slots(in, n, lanes, out.sums);
     const Inputs splat = read_inputs(s, n, last);
     const Geometry g = geometry_of(splat.mean, splat.log_scale, splat.quat, c);
-    const Gradients2d flat = gradients_2d(out.sums, covariance_of(g));
+    const Gradients2d flat = gradients_2d(out.sums, covariance_of(g, c));
     const Gradients3d d = gradients_3d(g, flat, splat.log_scale, c);
     for (int k = 0; k < 3; ++k) out.mean[k] = d.mean[k];
     colour_gradient(in.colours + COLOUR_FLOATS * n, c, degree, splat.mean, visible, out);
-    out.logit = keep(out.sums[SUM_Q] * (1.0f - sigmoid(splat.logit)), visible);
+    if (camera) {
+        F direction[3];
+        for (int k = 0; k < 3; ++k) direction[k] = out.mean[k] - d.mean[k];
+        camera->add(d, g, splat.mean, direction, visible, c);
+    }
+    const F by_opacity = c.conventions.activated ? 1.0f / splat.logit : 1.0f - sigmoid(splat.logit);
+    out.logit = keep(out.sums[SUM_Q] * by_opacity, visible);
+    out.extra = keep(out.sums[SUM_EXTRA], visible);
     for (int k = 0; k < 3; ++k) {
         out.mean[k] = keep(out.mean[k], visible);
         out.log_scale[k] = keep(d.log_scale[k], visible);
@@ -232,21 +288,26 @@ MATTGS_INLINE uint32_t broken_fields(const Gradients& g) {
 }  // namespace
 
 void project_backward(const SplatArrays<const float>& s, const Camera& c, int degree, int64_t first,
-                      int64_t last, const SplatSums& in, const SplatArrays<float>& out,
-                      const SplatStatistics& statistics) {
+                      int64_t last, const SplatSums& in, const GradientOutputs& to,
+                      double* camera) {
+    const SplatArrays<float>& out = to.splats;
+    CameraGradients moved{};
     for (int64_t n = first; n < last; n += LANES) {
         const int lanes = lanes_left(n, last);
-        const Gradients g = gradients_of(s, c, degree, n, last, in);
+        const Gradients g = gradients_of(s, c, degree, n, last, in, camera ? &moved : nullptr);
         scatter_rows<3>(g.mean, out.means + 3 * n, lanes);
         scatter_rows<3>(g.log_scale, out.log_scales + 3 * n, lanes);
         scatter_rows<4>(g.quat, out.quaternions + 4 * n, lanes);
         scatter_rows<1>(&g.logit, out.opacity_logits + n, lanes);
         scatter_rows<3>(g.dc, out.sh_dc + 3 * n, lanes);
+        if (to.extra) scatter_rows<1>(&g.extra, to.extra + n, lanes);
+        write_statistics(g, in.statistics, n, lanes, to.seen);
+        if (!out.sh_rest) continue;
         float rest[SH_FLOATS * LANES + 16];
         write_rest(g, rest);
         __builtin_memcpy(out.sh_rest + SH_FLOATS * n, rest, sizeof(float) * SH_FLOATS * lanes);
-        write_statistics(g, in.statistics, n, lanes, statistics);
     }
+    if (camera) moved.sum_up(camera);
 }
 
 uint32_t descend(const Camera& c, int degree, int64_t first, int64_t last, const SplatSums& in,
@@ -263,7 +324,7 @@ uint32_t descend(const Camera& c, int degree, int64_t first, int64_t last, const
             prefetch_splats(v, 0, n);
             prefetch_splats(m, 0, n);
             prefetch_splats(w, 0, n);
-            const Gradients g = gradients_of(s, c, degree, n, last, in);
+            const Gradients g = gradients_of(s, c, degree, n, last, in, nullptr);
             broken |= broken_fields(g);
             block.set(g, degree, (int)(n - start));
             write_statistics(g, in.statistics, n, lanes_left(n, last), statistics);

@@ -72,7 +72,7 @@ int64_t ceil_div(int64_t a, int64_t b) { return (a + b - 1) / b; }
 
 int64_t Workspace::bytes() const {
     int64_t sum = unsorted.bytes() + sorted.bytes() + depths.bytes() + colours.bytes() +
-                  slots.bytes() + scratch.bytes() + keys.bytes() + keys_spare.bytes() + order.bytes() +
+                  extra.bytes() + slots.bytes() + scratch.bytes() + keys.bytes() + keys_spare.bytes() + order.bytes() +
                   slots_of.bytes() + pairs.bytes() + pixels.bytes();
     for (const Chunk& c : chunks) sum += c.pairs.bytes();
     return sum;
@@ -96,7 +96,7 @@ Rendering::~Rendering() { give_workspace(std::move(work_)); }
 int64_t Rendering::project(const SplatArrays<const float>& splats, const RenderOutputs& out) {
     Workspace& w = *work_;
     const ProjectOutputs to{
-        w.unsorted.fit(count_), w.depths.fit(count_), out.radii, out.means2d,
+        w.unsorted.fit(count_), w.depths.fit(count_), out.radii, out.means2d, out.extents,
         differentiable_ ? w.colours.fit(COLOUR_FLOATS * (count_ + MOST_LANES)) : nullptr};
     const int64_t tasks = ceil_div(count_, SPLATS_PER_TASK);
     std::vector<int64_t> bad(static_cast<std::size_t>(tasks));
@@ -243,6 +243,8 @@ TileView Rendering::tile(int64_t t) const {
     const Workspace& w = *work_;
     TileView v{};
     v.splats = w.sorted.data();
+    v.extra = extra_ ? w.extra.data() : nullptr;
+    v.alpha_max = camera_.conventions.alpha_max;
     v.pairs = w.pairs.data() + w.tile_start[t];
     v.pair_count = static_cast<int32_t>(w.tile_start[t + 1] - w.tile_start[t]);
     v.x0 = static_cast<int32_t>(t % tiles_x_) * TILE;
@@ -252,8 +254,10 @@ TileView Rendering::tile(int64_t t) const {
     return v;
 }
 
-int64_t Rendering::forward(const SplatArrays<const float>& splats, const RenderOutputs& out) {
+int64_t Rendering::forward(const SplatArrays<const float>& splats, const RenderOutputs& out,
+                           const float* extra) {
     count_ = splats.count;
+    extra_ = extra != nullptr;
     Stopwatch watch(threads_);
     const int64_t bad = project(splats, out);
     if (bad) return bad;
@@ -262,8 +266,12 @@ int64_t Rendering::forward(const SplatArrays<const float>& splats, const RenderO
     watch.lap(seconds_[1]);
     bin(out.radii);
     scatter();
-    watch.lap(seconds_[2]);
     Workspace& w = *work_;
+    if (extra_) {
+        float* sorted = w.extra.fit(visible_);
+        for (int64_t i = 0; i < visible_; ++i) sorted[i] = extra[w.order.data()[i]];
+    }
+    watch.lap(seconds_[2]);
     const int64_t tiles = static_cast<int64_t>(tiles_x_) * tiles_y_;
     w.pixels.fit(tiles);
     w.processed.resize(static_cast<std::size_t>(tiles));
@@ -284,7 +292,7 @@ int64_t Rendering::forward(const SplatArrays<const float>& splats, const RenderO
 
 SplatSums Rendering::composite_back(const BackwardInputs& in, bool statistics) {
     Workspace& w = *work_;
-    const int64_t size = statistics ? SLOT_SIZE : SLOT_SIZE_PLAIN;
+    const int size = statistics || extra_ ? SLOT_SIZE : SLOT_SIZE_PLAIN;
     w.slots.fit(pair_count_ * size + SLOT_SIZE);
     const int64_t tiles = static_cast<int64_t>(tiles_x_) * tiles_y_;
     parallel(threads_, tiles, [&](int64_t i) {
@@ -301,20 +309,26 @@ SplatSums Rendering::composite_back(const BackwardInputs& in, bool statistics) {
         job.processed = w.processed[static_cast<std::size_t>(t)];
         kernels_.backward(job);
     });
-    return {w.slots_of.data(), w.slots.data(), w.colours.data(), statistics};
+    return {w.slots_of.data(), w.slots.data(), w.colours.data(), statistics, size};
 }
 
 void Rendering::backward(const SplatArrays<const float>& splats, const BackwardInputs& in,
-                         const SplatArrays<float>& out, const SplatStatistics& seen,
-                         bool statistics) {
+                         const GradientOutputs& out, bool statistics, double* camera) {
     Stopwatch watch(threads_);
     const SplatSums sums = composite_back(in, statistics);
     watch.lap(seconds_[4]);
-    parallel(threads_, ceil_div(count_, SPLATS_PER_TASK), [&](int64_t t) {
+    const int64_t tasks = ceil_div(count_, SPLATS_PER_TASK);
+    std::vector<double> of_tasks(camera ? static_cast<std::size_t>(tasks * CAMERA_SUMS) : 0);
+    parallel(threads_, tasks, [&](int64_t t) {
         const int64_t first = t * SPLATS_PER_TASK;
         kernels_.project_backward(splats, camera_, sh_degree_, first,
-                                  std::min(first + SPLATS_PER_TASK, count_), sums, out, seen);
+                                  std::min(first + SPLATS_PER_TASK, count_), sums, out,
+                                  camera ? of_tasks.data() + t * CAMERA_SUMS : nullptr);
     });
+    for (int k = 0; camera && k < CAMERA_SUMS; ++k) {  // in one order, whatever the threads
+        camera[k] = 0.0;
+        for (int64_t t = 0; t < tasks; ++t) camera[k] += of_tasks[t * CAMERA_SUMS + k];
+    }
     watch.lap(seconds_[5]);
 }
 

@@ -67,7 +67,7 @@ struct Chunk {  // what one thread bins
 
 struct Workspace {
     Buffer<Projected> unsorted, sorted;
-    Buffer<float> depths, colours, slots, scratch;
+    Buffer<float> depths, colours, extra, slots, scratch;
     Buffer<uint64_t> keys, keys_spare;
     Buffer<uint32_t> order;
     Buffer<Slots> slots_of;
@@ -81,7 +81,8 @@ struct Workspace {
 };
 
 struct RenderOutputs {
-    float *image, *alpha, *radii, *means2d;
+    float *image, *alpha, *radii, *means2d;  // image [height, width, channels()]
+    float* extents = nullptr;               // see ProjectOutputs
 };
 
 struct BackwardInputs {
@@ -99,16 +100,22 @@ public:
     Rendering& operator=(const Rendering&) = delete;
 
     // Returns the number of splats with a NaN or infinite parameter; if any, nothing was drawn.
-    int64_t forward(const SplatArrays<const float>& splats, const RenderOutputs& out);
+    // `extra` [n], unless null, is composited as a fourth channel.
+    int64_t forward(const SplatArrays<const float>& splats, const RenderOutputs& out,
+                    const float* extra = nullptr);
+    // `camera` [CAMERA_SUMS] or null.
     void backward(const SplatArrays<const float>& splats, const BackwardInputs& in,
-                  const SplatArrays<float>& out, const SplatStatistics& seen, bool statistics);
-    // The same with a step of Adam, see Kernels::descend.
+                  const GradientOutputs& out, bool statistics, double* camera = nullptr);
+    // The same with a step of Adam, see Kernels::descend; not with an extra channel.
     uint32_t descend(const BackwardInputs& in, const Descent& to, const SplatStatistics& seen,
                      bool statistics);
 
     int64_t count() const { return count_; }
     bool differentiable() const { return differentiable_; }
     const Camera& camera() const { return camera_; }
+    bool plain() const { return camera_.conventions.plain_colours; }
+    bool uses_rest() const { return !plain() && sh_degree_ > 0; }
+    int channels() const { return extra_ ? COLOURS + 1 : COLOURS; }
     int64_t pairs() const { return pair_count_; }
     int64_t evaluated() const;  // splat-pixel pairs looked at, both sides of the ellipse's rim
     int64_t bytes() const { return work_->bytes(); }
@@ -127,7 +134,7 @@ private:
     Camera camera_;
     float background_[3];
     int sh_degree_, threads_;
-    bool differentiable_;
+    bool differentiable_, extra_ = false;
     int32_t tiles_x_, tiles_y_;
     int64_t count_ = 0, visible_ = 0, pair_count_ = 0;
     std::unique_ptr<Workspace> work_;

@@ -1,9 +1,10 @@
-"""What a method changes against plain 3DGS, and the four that are built in.
+"""What a method changes against plain 3DGS, and those that are built in.
 
-``3dgs`` is Kerbl et al. 2023 and nothing of ours, ``ours`` MATT-GS read literally, ``ours+`` the
-best that its idea gives so far, ``3dgs-tuned`` all of ``ours+`` that is neither mask nor attention,
-and so the control of what those two bring; docs/method.md says why each setting is what it is. A
-method of a benchmark's TOML file may start from one of them: ``like = "ours+"``.
+``3dgs`` is Kerbl et al. 2023 and nothing of ours, ``mcmc`` Kheradmand et al. 2024, ``ours``
+MATT-GS read literally, ``ours+`` the best that its idea gives so far, ``3dgs-tuned`` all of
+``ours+`` that is neither mask nor attention, and so the control of what those two bring;
+docs/method.md says why each setting is what it is. A method of a benchmark's TOML file may start
+from one of them: ``like = "ours+"``.
 """
 
 from typing import Literal
@@ -11,6 +12,18 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from mattgs_ops.frozen import Background, Frozen
+
+
+class McmcConfig(Frozen):
+    """3DGS-MCMC's own settings (Kheradmand et al. 2024); the defaults are their released values."""
+
+    noise: float = Field(5e5, ge=0, description="times the positions' learning rate")
+    opacity_loss: float = Field(0.01, ge=0, description="times the mean opacity")
+    scale_loss: float = Field(0.01, ge=0, description="times the mean scale, world units")
+    dead_opacity: float = Field(0.005, gt=0, lt=1, description="dead is up to this")
+    growth: float = Field(0.05, ge=0, le=1, description="more splats at each relocation")
+    start_opacity: float = Field(0.5, gt=0, lt=1)
+    start_scale: float = Field(0.1, gt=0, description="times the distance to the neighbours")
 
 
 class MethodConfig(Frozen):
@@ -24,6 +37,10 @@ class MethodConfig(Frozen):
     the same with everything outside the mask suppressed too, whatever the background.
     ``densify``: which screen-space gradient asks for more splats, the ``signed`` sum over pixels
     (Kerbl et al. 2023) or the ``absolute`` one (AbsGS, Ye et al. 2024).
+    ``growth``: ``threshold`` densifies where that gradient is high, ``budget`` as many splats as a
+    schedule towards ``max_splats`` asks for, those of the highest gradient (after Taming 3DGS,
+    Mallick et al. 2024), ``mcmc`` relocates dead splats and adds to the opaque ones up to
+    ``max_splats`` (Kheradmand et al. 2024).
     ``prune``: how splats are scored for removal, at the projected centre (``pixel``, the paper's)
     or by blending weight times attention (``blend``).
     """
@@ -57,6 +74,8 @@ class MethodConfig(Frozen):
         description="share of all learning rates but the position's that is left at the end, see "
         "`Schedule.rate_share`",
     )
+    growth: Literal["threshold", "budget", "mcmc"] = "threshold"
+    mcmc: McmcConfig = Field(McmcConfig(), description="of growth `mcmc`")
     densify: Literal["signed", "absolute"] = "signed"
     densify_absolute: float = Field(
         8e-4, gt=0, description="threshold of the absolute gradient; gsplat's default"
@@ -82,6 +101,16 @@ class MethodConfig(Frozen):
             raise ValueError(
                 f"weight_ssim: expected weighting `residual`, found `{self.weighting}`"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _relocated_and_nothing_else(self) -> "MethodConfig":
+        if self.growth != "mcmc":
+            return self
+        for name in ("densify", "densify_attention", "prune", "prune_contribution"):
+            taken, found = type(self).model_fields[name].default, getattr(self, name)
+            if found != taken:
+                raise ValueError(f"{name}: expected {taken!r} with growth `mcmc`, found {found!r}")
         return self
 
     def absolute_threshold(self, background: Background) -> float:
@@ -115,6 +144,7 @@ TUNED = MethodConfig(
 METHODS: dict[str, MethodConfig] = {
     "3dgs": MethodConfig(),
     "3dgs-tuned": TUNED,
+    "mcmc": MethodConfig(growth="mcmc"),
     "ours": MethodConfig(weighting="paper", prune="pixel", prune_initial=True),
     "ours+": TUNED.model_copy(
         update={

@@ -126,7 +126,7 @@ def test_a_trainer_is_a_method_like_any_other(tmp_path: Path) -> None:
         ("command = [", 'progress = "step"\ncommand = [', "a group around the step's number"),
         ("command = [", 'progress = "("\ncommand = [', "not a regular expression"),
         ('command = ["{here}/train.sh", "{data}", "-o", "{output}"]', "command = []", "a program"),
-        ("nobg-peer", "nobg-other", "expected one of 3dgs, 3dgs-tuned, ours, ours[+], peer"),
+        ("nobg-peer", "nobg-other", "expected one of 3dgs, 3dgs-tuned, mcmc, ours, ours[+], peer"),
     ],
 )
 def test_a_trainer_that_cannot_work_is_refused_by_name(

@@ -55,7 +55,8 @@ def test_a_method_like_an_unknown_one_is_refused_by_name(tmp_path: Path) -> None
     path = tmp_path / "benchmark.toml"
     path.write_text('[methods.mine]\nlike = "mine-too"\n')
     with pytest.raises(
-        InputError, match=r"methods.*like = 'mine-too': expected one of 3dgs, 3dgs-tuned, ours"
+        InputError,
+        match=r"methods.*like = 'mine-too': expected one of 3dgs, 3dgs-tuned, mcmc, ours",
     ):
         load_toml(path)
 

@@ -193,6 +193,8 @@ struct Descent {
     SplatArrays<float> values, first_moments, second_moments;
     float rates[FIELDS];
     AdamSettings adam;
+    // weights of every splat's opacity and of each of its scales in the loss
+    float opacity_loss = 0.0f, scale_loss = 0.0f;
 };
 
 // One instruction set's kernels; all work on ranges, none allocates or throws.

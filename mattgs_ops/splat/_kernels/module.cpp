@@ -121,8 +121,8 @@ void render(Rendering& rendering, const SplatsIn& splats, const Out& image, cons
     *bad = rendering.forward(s, out, fourth);
 }
 
-AdamSettings adam_settings(const std::array<double, 3>& betas_and_epsilon, int64_t step) {
-    const auto [beta1, beta2, epsilon] = betas_and_epsilon;
+AdamSettings adam_settings(const std::array<double, 5>& settings, int64_t step) {
+    const double beta1 = settings[0], beta2 = settings[1], epsilon = settings[2];
     const auto correction = [&](double beta) {
         return static_cast<float>(1.0 / (1.0 - std::pow(beta, static_cast<double>(step))));
     };
@@ -171,10 +171,12 @@ void backward(Rendering& rendering, const SplatsIn& splats, const In& grad_image
 uint32_t descend(Rendering& rendering, const SplatsOut& splats, const In& grad_image,
                  const std::optional<In>& grad_alpha, const std::optional<In>& pixel_map,
                  const SplatsOut& first, const SplatsOut& second, const std::array<double, FIELDS>& rates,
-                 const std::array<double, 3>& settings, int64_t step, const StatisticsOut& seen,
+                 // beta1, beta2, epsilon; weights of opacities and of scales in the loss
+                 const std::array<double, 5>& settings, int64_t step, const StatisticsOut& seen,
                  bool statistics) {
     Descent to{splats_of<float>(splats), splats_of<float>(first), splats_of<float>(second), {},
-               adam_settings(settings, step)};
+               adam_settings(settings, step), static_cast<float>(settings[3]),
+               static_cast<float>(settings[4])};
     const int64_t count = to.values.count;
     if (to.first_moments.count != count || to.second_moments.count != count)
         throw nb::value_error("moments: unexpected shape");

@@ -271,6 +271,18 @@ struct Block {
     }
 };
 
+// Adds what opacities and scales weigh in the loss, of splats that no pixel saw, too.
+MATTGS_INLINE void add_penalties(const SplatArrays<const float>& s, int64_t n, int64_t last,
+                                 const Descent& to, Gradients& g) {
+    const Inputs splat = read_inputs(s, n, last);
+    const F opacity = sigmoid(splat.logit);
+    g.logit += to.opacity_loss * opacity * (1.0f - opacity);
+    for (int k = 0; k < 3; ++k) {
+        const F scale = exp_accurate(min(splat.log_scale[k], all(LOG_SCALE_LIMIT)));
+        g.log_scale[k] += to.scale_loss * scale;
+    }
+}
+
 // A bit for each field that has a gradient which is not finite.
 MATTGS_INLINE uint32_t broken_fields(const Gradients& g) {
     F zero[FIELDS] = {F{}, F{}, F{}, g.logit * 0.0f, F{}, F{}};
@@ -315,6 +327,7 @@ uint32_t descend(const Camera& c, int degree, int64_t first, int64_t last, const
     const SplatArrays<float>&v = to.values, &m = to.first_moments, &w = to.second_moments;
     const SplatArrays<const float> s = {v.means,          v.log_scales, v.quaternions,
                                         v.opacity_logits, v.sh_dc,      v.sh_rest, v.count};
+    const bool penalised = to.opacity_loss > 0.0f || to.scale_loss > 0.0f;
     uint32_t broken = 0;
     Block block;
     for (int64_t start = first; start < last; start += BLOCK) {
@@ -324,7 +337,8 @@ uint32_t descend(const Camera& c, int degree, int64_t first, int64_t last, const
             prefetch_splats(v, 0, n);
             prefetch_splats(m, 0, n);
             prefetch_splats(w, 0, n);
-            const Gradients g = gradients_of(s, c, degree, n, last, in, nullptr);
+            Gradients g = gradients_of(s, c, degree, n, last, in, nullptr);
+            if (penalised) add_penalties(s, n, last, to, g);
             broken |= broken_fields(g);
             block.set(g, degree, (int)(n - start));
             write_statistics(g, in.statistics, n, lanes_left(n, last), statistics);

@@ -1,217 +1,20 @@
 """The compiled engine as a node of torch's autograd graph.
 
-:class:`Drawing` renders every camera of every scene; :class:`Composite` hands out its images and
-goes back through the engine. The engine composites up to four channels at a time, so more take
-several passes over the same splats. Their gradients add up, as all are linear in those of the
-pixels.
+:class:`Composite` hands out the images of a :class:`~drawing.Drawing` and goes back through the
+engine. Gradients of its cameras and passes add up, as all are linear in those of the pixels.
 
 The way back stops at the splats' centres on the image (``means2d``) and at their depths, which
 ``rasterization`` computes in torch: they are then tensors that a caller can watch, as in gsplat.
 """
 
-import itertools
-from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from mattgs_ops.errors import InputError
-from mattgs_ops.splat import _engine
 from mattgs_ops.splat.gaussians import SH_REST
-from mattgs_ops.splat.gsplat_interface.arguments import Limits, Scene
-
-GSPLAT_ALPHA_MAX = 0.999  # gsplat 1.5.3, RasterizeToPixels3DGSFwd.cu; 3DGS has 0.99
-COLOURS = 3  # channels that the engine always composites
-CAMERA_SUMS = 15  # dL/d rotation [9], translation [3], centre [3]
-Key = tuple[int, int, int]  # scene, camera, pass
-BLACK = (0.0, 0.0, 0.0)
-
-
-@dataclass(frozen=True)
-class Inputs:
-    """What the engine reads; the names of gradients, too."""
-
-    means: Tensor  # [B, N, 3]
-    quats: Tensor  # [B, N, 4]
-    scales: Tensor  # [B, N, 3]
-    opacities: Tensor  # [B, N]
-    colors: Tensor  # as in Scene, plain ones with the depth among them where it is asked for
-    extra: Tensor | None  # [B, C, N] the depth beside harmonics
-    viewmats: Tensor  # [B, C, 4, 4]
-
-
-class Drawing:
-    """All cameras of all scenes, rendered once; lives until the graph is freed."""
-
-    def __init__(
-        self,
-        scene: Scene,
-        inputs: Inputs,
-        limits: Limits,
-        threads: int,
-        *,
-        differentiable: bool,
-        absgrad: bool,
-    ) -> None:
-        self.scene, self.limits, self.threads = scene, limits, threads
-        self.differentiable, self.absgrad = differentiable, absgrad
-        self.plain = scene.sh_degree is None
-        # plain channels in groups of four; harmonics make three, and the depth is the fourth
-        channels, most = inputs.colors.shape[-1] + int(inputs.extra is not None), COLOURS + 1
-        self.groups = [slice(i, min(i + most, channels)) for i in range(0, channels, most)]
-        shape = (len(inputs.means), scene.cameras)
-        self.images = torch.empty(*shape, scene.height, scene.width, channels)
-        self.alphas = torch.empty(*shape, scene.height, scene.width, 1)
-        self.extents = torch.empty(*shape, scene.count, 2)
-        self._engines: dict[Key, Any] = {}
-        for key in self.passes():
-            self._draw(inputs, key)
-
-    def passes(self) -> Iterator[Key]:
-        """Yield every image of every pass."""
-        scenes, cameras = self.extents.shape[:2]
-        return itertools.product(range(scenes), range(cameras), range(len(self.groups)))
-
-    def handed_out(self) -> tuple[Tensor, Tensor]:
-        """Return images and alphas and forget them: they will hold the graph that holds this."""
-        drawn = self.images, self.alphas
-        del self.images, self.alphas
-        return drawn
-
-    def _draw(self, inputs: Inputs, key: Key) -> None:
-        b, c, p = key
-        scene, group = self.scene, self.groups[p]
-        view, k = inputs.viewmats[b, c].double(), scene.Ks[b, c].double()
-        limits = self.limits
-        engine = _engine.Rendering(
-            view[:3, :3].flatten().tolist(),
-            view[:3, 3].tolist(),
-            (float(k[0, 0]), float(k[1, 1]), float(k[0, 2]), float(k[1, 2])),
-            scene.width,
-            scene.height,
-            BLACK,
-            scene.sh_degree or 0,
-            self.threads,
-            self.differentiable,
-            (
-                torch.linalg.inv(view)[:3, 3].tolist(),
-                (
-                    limits.near_plane,
-                    limits.far_plane,
-                    limits.eps2d,
-                    GSPLAT_ALPHA_MAX,
-                    limits.radius_clip,
-                ),
-                self.plain,
-            ),
-        )
-        splats, extra = self.arrays(inputs, key)
-        channels = COLOURS if extra is None else COLOURS + 1
-        image = torch.empty(scene.height, scene.width, channels)
-        bad = engine.forward(
-            splats,
-            image.numpy(),
-            self.alphas[b, c, :, :, 0].numpy(),
-            torch.empty(scene.count).numpy(),
-            torch.empty(scene.count, 2).numpy(),
-            self.extents[b, c].numpy(),
-            extra,
-        )
-        if bad:
-            raise InputError(_describe_not_finite(inputs))
-        self.images[b, c, :, :, group] = image[:, :, : group.stop - group.start]
-        if self.differentiable:
-            self._engines[key] = engine
-
-    def arrays(self, inputs: Inputs, key: Key) -> tuple[tuple[Any, ...], Any]:
-        """Return the parameters in the engine's order, and the fourth channel [N] or None."""
-        b, c, p = key
-        colors = inputs.colors[b, c] if self.scene.per_camera else inputs.colors[b]
-        rest = torch.empty(0, SH_REST, 3)
-        if self.plain:
-            chosen = colors[:, self.groups[p]]
-            first = torch.zeros(len(colors), COLOURS)
-            first[:, : chosen.shape[1]] = chosen[:, :COLOURS]
-            extra = chosen[:, COLOURS].contiguous() if chosen.shape[1] > COLOURS else None
-        else:
-            first = colors[:, 0].contiguous()
-            if self.scene.sh_degree:
-                used = min(colors.shape[1] - 1, SH_REST)
-                rest = torch.zeros(len(colors), SH_REST, 3)
-                rest[:, :used] = colors[:, 1 : 1 + used]
-            extra = None if inputs.extra is None else inputs.extra[b, c].contiguous()
-        geometry = (inputs.means[b], inputs.scales[b], inputs.quats[b], inputs.opacities[b])
-        splats = (*(t.contiguous().numpy() for t in geometry), first.numpy(), rest.numpy())
-        return splats, None if extra is None else extra.numpy()
-
-    def back(
-        self, inputs: Inputs, key: Key, grad_image: Tensor, grad_alpha: Tensor, *, camera: bool
-    ) -> "Found":
-        """Return the gradients of one image; ``grad_alpha`` counts in its first pass.
-
-        Without ``camera`` its sums are undefined, without ``absgrad`` so are the absolute ones.
-        """
-        b, c, p = key
-        splats, extra = self.arrays(inputs, key)
-        pixels = grad_image[b, c, :, :, self.groups[p]]
-        missing = (COLOURS if extra is None else COLOURS + 1) - pixels.shape[-1]
-        found = Found.taken(self.scene.count, rest=not self.plain and bool(self.scene.sh_degree))
-        self._engines[key].backward(
-            splats,
-            torch.nn.functional.pad(pixels, (0, missing)).contiguous().numpy(),
-            grad_alpha[b, c, :, :, 0].contiguous().numpy() if p == 0 else None,
-            None,
-            found.parameters(),
-            found.statistics(all_of_them=self.absgrad),
-            self.absgrad,
-            None if extra is None else found.extra.numpy(),
-            found.camera.numpy() if camera else None,
-        )
-        return found
-
-
-@dataclass(frozen=True)
-class Found:
-    """Gradients of one image, as the engine writes them."""
-
-    means: Tensor  # [N, 3]
-    scales: Tensor  # [N, 3]
-    quats: Tensor  # [N, 4]
-    opacities: Tensor  # [N]
-    first: Tensor  # [N, 3] the constant harmonic, or three plain channels
-    rest: Tensor  # [N, 15, 3] or [0, 15, 3]
-    extra: Tensor  # [N]
-    means2d: Tensor  # [N, 2]
-    absolute: Tensor  # [N, 2] the same with absolute values summed over pixels
-    camera: Tensor  # [CAMERA_SUMS] float64
-
-    @classmethod
-    def taken(cls, count: int, *, rest: bool) -> "Found":
-        """Return uninitialised ones."""
-        shapes = ((3,), (3,), (4,), (), (3,))
-        return cls(
-            *(torch.empty(count, *shape) for shape in shapes),
-            torch.empty(count if rest else 0, SH_REST, 3),
-            torch.empty(count),
-            torch.empty(count, 2),
-            torch.empty(count, 2),
-            torch.empty(CAMERA_SUMS, dtype=torch.float64),
-        )
-
-    def parameters(self) -> tuple[Any, ...]:
-        """Return those of the parameters as NumPy arrays, in the engine's order."""
-        of_splats = (self.means, self.scales, self.quats, self.opacities, self.first, self.rest)
-        return tuple(t.numpy() for t in of_splats)
-
-    def statistics(self, *, all_of_them: bool) -> tuple[Any, ...]:
-        """Return what the engine observes of each splat; blending weights are of no use here."""
-        count = len(self.means) if all_of_them else 0
-        unused = torch.empty(2, count)
-        observed = (self.means2d, self.absolute[:count], unused[0], unused[1])
-        return tuple(t.numpy() for t in observed)
+from mattgs_ops.splat.gsplat_interface.drawing import COLOURS, Drawing, ImageGradients, Inputs, Key
 
 
 class Sums:
@@ -223,19 +26,19 @@ class Sums:
         self.means2d = torch.zeros_like(drawing.extents)
         self.absolute = torch.zeros_like(drawing.extents)
 
-    def add(self, found: Found, key: Key) -> None:
+    def add(self, grads: ImageGradients, key: Key) -> None:
         """Add the gradients of one image."""
         b, c, _ = key
         for name in ("means", "quats", "scales", "opacities"):
-            self.of[name][b] += getattr(found, name)
-        self._add_colours(found, key)
-        self.means2d[b, c] += found.means2d
+            self.of[name][b] += getattr(grads, name)
+        self._add_colours(grads, key)
+        self.means2d[b, c] += grads.means2d
         if self.camera:
-            self.of["viewmats"][b, c] += view_gradient(found.camera, self.inputs.viewmats[b, c])
+            self.of["viewmats"][b, c] += view_gradient(grads.camera, self.inputs.viewmats[b, c])
         if self.drawing.absgrad:
-            self.absolute[b, c] += found.absolute
+            self.absolute[b, c] += grads.absolute
 
-    def _add_colours(self, found: Found, key: Key) -> None:
+    def _add_colours(self, grads: ImageGradients, key: Key) -> None:
         b, c, p = key
         drawing, colors = self.drawing, self.of["colors"][b]
         if drawing.scene.per_camera:
@@ -243,15 +46,15 @@ class Sums:
         if drawing.plain:
             group = drawing.groups[p]
             size = group.stop - group.start
-            colors[:, group.start : group.start + COLOURS][:, :size] += found.first[:, :size]
+            colors[:, group.start : group.start + COLOURS][:, :size] += grads.first[:, :size]
             if size > COLOURS:
-                colors[:, group.stop - 1] += found.extra
+                colors[:, group.stop - 1] += grads.extra
             return
-        colors[:, 0] += found.first
-        if len(found.rest):
-            colors[:, 1 : 1 + SH_REST] += found.rest[:, : colors.shape[1] - 1]
+        colors[:, 0] += grads.first
+        if len(grads.rest):
+            colors[:, 1 : 1 + SH_REST] += grads.rest[:, : colors.shape[1] - 1]
         if "extra" in self.of:
-            self.of["extra"][b, c] += found.extra
+            self.of["extra"][b, c] += grads.extra
 
 
 class Composite(torch.autograd.Function):
@@ -284,7 +87,7 @@ class Composite(torch.autograd.Function):
         camera = ctx.needs_input_grad[-1]
         sums = Sums(inputs, drawing, camera=camera)
         for key in drawing.passes():
-            sums.add(drawing.back(inputs, key, grad_image, grad_alpha, camera=camera), key)
+            sums.add(drawing.back(key, grad_image, grad_alpha, camera=camera), key)
         index = slice(None) if ctx.index is None else ctx.index
         centres = sums.means2d[index].reshape(means2d.shape)
         if drawing.absgrad:
@@ -294,17 +97,10 @@ class Composite(torch.autograd.Function):
 
 def view_gradient(sums: Tensor, view: Tensor) -> Tensor:
     """Return dL/d view matrix [4, 4] from the engine's sums."""
-    inverse = torch.linalg.inv(view.double())
+    inverse: Tensor = torch.linalg.inv(view.double())
     by_inverse = torch.zeros(4, 4, dtype=torch.float64)
     by_inverse[:3, 3] = sums[12:15]  # the centre is the inverse's last column
-    grad = -inverse.T @ by_inverse @ inverse.T
+    grad: Tensor = -inverse.T @ by_inverse @ inverse.T
     grad[:3, :3] += sums[:9].view(3, 3)
     grad[:3, 3] += sums[9:12]
     return grad.float()
-
-
-def _describe_not_finite(inputs: Inputs) -> str:
-    for name, tensor in vars(inputs).items():
-        if tensor is not None and not bool(torch.isfinite(tensor).all()):
-            return f"{name}: expected finite numbers, found NaN or infinity"
-    return "colors: expected harmonics that give finite colours, found an overflow"

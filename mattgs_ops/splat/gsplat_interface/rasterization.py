@@ -12,7 +12,8 @@ from torch import Tensor
 
 from mattgs_ops.errors import InputError
 from mattgs_ops.splat.gsplat_interface.arguments import Limits, Scene, check_settings, checked
-from mattgs_ops.splat.gsplat_interface.composite import COLOURS, Composite, Drawing, Inputs
+from mattgs_ops.splat.gsplat_interface.composite import Composite
+from mattgs_ops.splat.gsplat_interface.drawing import COLOURS, Drawing, Inputs
 
 LEAST_ALPHA = 1e-10  # that an expected depth is divided by, as in gsplat
 
@@ -126,7 +127,10 @@ def rasterization(
     seen = (drawing.extents > 0).all(dim=-1)
     index = torch.nonzero(seen, as_tuple=True) if packed else None
     meta = _meta(scene, drawing, means2d, depths, seen, index)
-    images, alphas = Composite.apply(drawing, index, meta["means2d"], *vars(inputs).values())
+    tensors = vars(inputs).values()
+    images, alphas = Composite.apply(  # type: ignore[no-untyped-call]
+        drawing, index, meta["means2d"], *tensors
+    )
     images = _finished(images, alphas, scene.backgrounds, render_mode)
     return _unflat(images, scene), _unflat(alphas, scene), meta
 

@@ -26,11 +26,11 @@ from mattgs_ops.splat.gaussians import Splats
 from mattgs_ops.splat.training.densify import Record
 from mattgs_ops.splat.training.optimise import FIELDS, Adam
 
-SCHEMA = 2
+SCHEMA = 3
 FILE = "checkpoint.npz"
 # Streams of their own, so that what one part draws never shifts another's: two methods with one
 # seed see the views in the same order however many splats they split.
-STREAMS = ("order", "background", "split")
+STREAMS = ("order", "background", "split", "mcmc")
 
 
 @dataclass

@@ -83,17 +83,22 @@ def starting_points(
     return StartingPoints(xyz, _mean_colours(xyz, views), "random")
 
 
-def initial_splats(points: StartingPoints) -> Splats:
-    """Turn points into splats; two points at least, for a neighbour to measure from."""
+def initial_splats(
+    points: StartingPoints, *, opacity: float = START_OPACITY, scale: float = 1.0
+) -> Splats:
+    """Turn points into splats; two points at least, for a neighbour to measure from.
+
+    ``scale`` is times the distance to the neighbours.
+    """
     count = len(points.xyz)
     if count < 2:
         raise StageError(f"training needs two starting points at least, found {count}")
     tree = cKDTree(points.xyz)
     distances, _ = tree.query(points.xyz, k=min(NEIGHBOURS, count - 1) + 1)
     squared = np.maximum((distances[:, 1:] ** 2).mean(axis=1), SMALLEST_SQUARED)
-    log_scale = np.log(np.sqrt(squared))
+    log_scale = np.log(scale * np.sqrt(squared))
     identity = np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
-    logit = np.log(START_OPACITY / (1 - START_OPACITY))
+    logit = np.log(opacity / (1 - opacity))
     return Splats(
         means=_floats(points.xyz),
         log_scales=_floats(np.repeat(log_scale[:, None], 3, axis=1)),

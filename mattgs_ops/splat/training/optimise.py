@@ -49,14 +49,16 @@ class Adam:
         grad_alpha: Tensor | None = None,
         pixel_map: Tensor | None = None,
         statistics: bool = False,
+        penalties: tuple[float, float] = (0.0, 0.0),
         memory: Memory | None = None,
     ) -> Seen:
         """Go back from a rendering and move its splats by one step, in place.
 
         As :func:`~mattgs_ops.splat.rasterize.backward` and then a step of Adam, with one learning
         rate per field, but in one pass: gradients never leave the processor's cache. What is above
-        the rendering's ``sh_degree`` stays as it is. Raises :class:`StageError` that names the
-        fields whose gradient was not finite; the splats are of no use then.
+        the rendering's ``sh_degree`` stays as it is. ``penalties`` are the weights in the loss of
+        each splat's opacity and of each of its three scales. Raises :class:`StageError` that names
+        the fields whose gradient was not finite; the splats are of no use then.
         """
         splats = rendering.splats
         pixels = checked_pixels(rendering, grad_image, grad_alpha, pixel_map)
@@ -69,7 +71,7 @@ class Adam:
             tuple(self.first[name].numpy() for name in FIELDS),
             tuple(self.second[name].numpy() for name in FIELDS),
             [rates[name] for name in FIELDS],
-            (*BETAS, EPSILON),
+            (*BETAS, EPSILON, *penalties),
             self.steps,
             seen.arrays(),
             statistics,

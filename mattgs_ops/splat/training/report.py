@@ -74,7 +74,9 @@ def loss_terms(trainer: Trainer, splats: Splats, colour: Colour) -> dict[str, fl
                 "loss": (1 - share) * l1 + share * dissimilar,
                 "paper_l1": paper,
                 "paper_loss": (1 - share) * paper + share * dissimilar,
-                "optimised_loss": found.loss + trainer.alpha_loss(index, rendering)[0],
+                "optimised_loss": found.loss
+                + trainer.alpha_loss(index, rendering)[0]
+                + trainer.strategy.penalty(splats),
             }
         )
     return {name: float(np.mean([row[name] for row in rows])) for name in rows[0]}

@@ -14,12 +14,16 @@ plain factor ruins short runs, so floors apply; none of them binds at 30,000 ste
   and leave 1,000 steps after the last one; a run with no room for that has none.
 * SH degrees rise at least 25 steps apart.
 
+3DGS-MCMC relocates from step 500 to 25,000 of 30,000 and never resets opacities. In a short run
+relocations are at least 20 steps apart, no earlier than the first 20: each adds 5 % at most, and a
+run of 1,000 steps would otherwise grow by half only.
+
 Without ``scale_schedule`` the step counts stand as configured, and a shorter run simply ends
 before they are reached.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from mattgs_ops.config import TrainConfig
 
@@ -30,6 +34,8 @@ SHORT_DENSIFY_SHARE = 0.75
 LATEST_SHORT_DENSIFY = 2500
 SHORTEST_RESET_EVERY = 1000
 SHORTEST_SH_EVERY = 25
+MCMC_UNTIL = 25_000  # Kheradmand et al. 2024, released code: `densify_until_iter`
+SHORTEST_RELOCATE_EVERY = 20
 SETTLE_FROM = 0.3  # of the steps: from there on the learning rates may fall
 SETTLE_EARLIEST = (
     2000  # step; measured: falling rates cost a training of 1,000 steps half a decibel
@@ -52,8 +58,27 @@ class Schedule:
     lr_steps: int  # over which the position's rate falls
 
     @classmethod
-    def of(cls, config: TrainConfig, iterations: int, extent: float) -> "Schedule":
-        """Derive the schedule of one run; ``extent`` as :func:`initialise.scene_extent`."""
+    def of(
+        cls, config: TrainConfig, iterations: int, extent: float, *, mcmc: bool = False
+    ) -> "Schedule":
+        """Derive the schedule of one run; ``extent`` as :func:`initialise.scene_extent`.
+
+        With ``mcmc`` splats are relocated where they would be densified, and opacities never reset.
+        """
+        schedule = cls._of_densification(config, iterations, extent)
+        if not mcmc:
+            return schedule
+        factor = iterations / PUBLISHED_ITERATIONS if config.scale_schedule else 1.0
+        return replace(
+            schedule,
+            densify_from=_scaled(config.densify_from, factor, SHORTEST_RELOCATE_EVERY - 1),
+            densify_until=_scaled(MCMC_UNTIL, factor, 1),
+            densify_every=_scaled(config.densify_every, factor, SHORTEST_RELOCATE_EVERY),
+            reset_every=0,
+        )
+
+    @classmethod
+    def _of_densification(cls, config: TrainConfig, iterations: int, extent: float) -> "Schedule":
         rates = (config.lr_position * extent, config.lr_position_final * extent)
         if not config.scale_schedule:
             return cls(

@@ -101,7 +101,8 @@ class Experiment:
         background = self.condition.background
         views = store_views(self.views(), background, self.resolution)
         extent = scene_extent([view.camera for view in views])
-        schedule = Schedule.of(self.config, self.iterations, extent)
+        mcmc = self.method.growth == "mcmc"
+        schedule = Schedule.of(self.config, self.iterations, extent, mcmc=mcmc)
         points = starting_points(self.scene.points(), views, background, self.seed)
         points = points.at_most(self.config.max_splats, self.seed)  # memory is bound by that number
         trainer = Trainer(views, background, self.method, self.config, schedule, extent, threads)
@@ -217,7 +218,10 @@ def _first_state(
         kept = trainer.attended(points, FEWEST_POINTS)
     chosen = points.keep(kept)
     seconds = seconds_since(began)
-    state = TrainingState.start(initial_splats(chosen), seed)
+    settings = trainer.method.mcmc
+    start = {"opacity": settings.start_opacity, "scale": settings.start_scale}
+    splats = initial_splats(chosen, **(start if trainer.method.growth == "mcmc" else {}))
+    state = TrainingState.start(splats, seed)
     if trainer.config.exposure == "affine":
         state.exposures = Exposures.identity(len(trainer.views), trainer.schedule.iterations)
     # scoring the points is part of the method, so it is part of its time

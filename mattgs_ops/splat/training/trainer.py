@@ -1,12 +1,8 @@
 """One step of training: render a view, compare, go back, move the splats; then add and remove.
 
 Gradients are analytic, from the engine; nothing here builds an autograd graph. The order within a
-step is gsplat's: Adam moves the splats first, then splats are added and removed, then opacities
-are reset when that is due.
-
-MATT-GS's pruning acts where splats are added and removed: those with opacity below
-``prune_opacity`` **and** an attention score below ``prune_attention`` go, unless opacities were
-reset less than half an interval ago (:mod:`~mattgs_ops.splat.training.schedule`).
+step is gsplat's: Adam moves the splats first, then the method's strategy adds and removes some
+(:mod:`~mattgs_ops.splat.training.strategies`).
 """
 
 import math
@@ -38,16 +34,11 @@ from mattgs_ops.splat.photos import (
 from mattgs_ops.splat.rasterize import Rendering, Seen, render
 from mattgs_ops.splat.ssim import photometric_loss, psnr
 from mattgs_ops.splat.training.checkpoint import TrainingState
-from mattgs_ops.splat.training.densify import (
-    Record,
-    faint_or_huge,
-    grow,
-    logit,
-    prune,
-    reset_opacity,
-)
 from mattgs_ops.splat.training.initialise import StartingPoints
 from mattgs_ops.splat.training.schedule import Schedule
+from mattgs_ops.splat.training.strategies.base import Strategy
+from mattgs_ops.splat.training.strategies.gradient import GradientStrategy
+from mattgs_ops.splat.training.strategies.mcmc import McmcStrategy
 
 
 @dataclass(frozen=True)
@@ -92,6 +83,15 @@ class Trainer:
             "sh_dc": self._rates * config.lr_sh_dc,
             "sh_rest": self._rates * config.lr_sh_rest,
         }
+        self.strategy = self._strategy()
+
+    def _strategy(self) -> Strategy:
+        method, config, schedule = self.method, self.config, self.schedule
+        if method.growth == "mcmc":
+            return McmcStrategy(method.mcmc, config, schedule, self._rates)
+        return GradientStrategy(
+            method, config, schedule, self.extent, self.background, self._scores_at
+        )
 
     def attention(self, index: int) -> Tensor:
         """Return the attention map of a view [H, W], computed once."""
@@ -139,7 +139,7 @@ class Trainer:
             memory=self._memory,
         )
         alpha, grad_alpha = self.alpha_loss(index, rendering)
-        total = loss.loss + alpha
+        total = loss.loss + alpha + self.strategy.penalty(state.splats)
         if not math.isfinite(total):
             raise StageError(f"step {step}, view {view.name}: the loss is {total}")
         grad = loss.grad
@@ -150,12 +150,7 @@ class Trainer:
             seen = self._descend(state, index, rendering, grad, grad_alpha)
         except StageError as error:
             raise StageError(f"step {step}: {error}") from error
-        if self.schedule.observes(step):
-            self._observe(state, seen, rendering)
-        if self.schedule.densifies(step):
-            self._densify(state, step)
-        if self.schedule.resets(step):
-            reset_opacity(state.splats, state.adam)
+        self.strategy.after_step(state, step, seen, rendering)
         state.step = step
         return StepResult(total, loss.plain_l1, loss.ssim, shown, target)
 
@@ -169,8 +164,7 @@ class Trainer:
     ) -> Seen:
         """Move the splats, with the sums per splat that the method needs and no others."""
         method, step = self.method, state.step + 1
-        observed = self.schedule.observes(step)
-        blends = method.wants_blending and observed
+        blends = method.wants_blending and self.schedule.observes(step)
         share = self.schedule.rate_share(step, method.rates_final)
         rates = {name: share * rate for name, rate in self._fixed_rates.items()}
         rates["means"] = self._rates * self.schedule.position_rate(step)
@@ -180,18 +174,10 @@ class Trainer:
             rates,
             grad_alpha=grad_alpha,
             pixel_map=self.attention(index) if blends else None,
-            statistics=blends or (observed and method.densify == "absolute"),
+            statistics=self.strategy.statistics(step),
+            penalties=self.strategy.penalties(len(state.splats)),
             memory=self._memory,
         )
-
-    def _observe(self, state: TrainingState, seen: Seen, rendering: Rendering) -> None:
-        """Note what this step saw of each splat, for the next densification."""
-        height, width = rendering.alpha.shape
-        means2d = seen.means2d_abs if self.method.densify == "absolute" else seen.means2d
-        state.record.observe(means2d, rendering.radii, width, height)
-        if self.method.wants_blending:
-            state.record.weight += seen.weight
-            state.record.attention += seen.weighted_map
 
     def weights(self, index: int) -> Tensor | None:
         """Return the L1 weights of a view [H, W], or None; computed once."""
@@ -235,65 +221,6 @@ class Trainer:
             red, green, blue = state.streams["background"].random(3)
             return float(red), float(green), float(blue)
         return background_colour(self.config)
-
-    def _densify(self, state: TrainingState, step: int) -> None:
-        if self.schedule.settled(step):
-            self._prune_unattended(state)
-            self._prune_idle(state)
-        before = len(state.splats)
-        threshold = self.config.densify_gradient
-        if self.method.densify == "absolute":
-            threshold = self.method.absolute_threshold(self.background)
-        state.splats = grow(
-            state.splats,
-            state.adam,
-            state.record.gradients(self.method.densify_attention),
-            threshold,
-            self.config,
-            self.extent,
-            state.streams["split"],
-        )
-        state.count("added", len(state.splats) - before)
-        state.count("capped", int(len(state.splats) >= self.config.max_splats))
-        huge = 0 < self.schedule.reset_every < step
-        removed = faint_or_huge(state.splats, self.config, self.extent, huge=huge)
-        state.count("removed_faint_or_huge", int(removed.sum()))
-        state.splats = prune(state.splats, state.adam, removed)
-        if len(state.splats) == 0:
-            raise StageError(f"step {step}: every splat was removed; nothing is left to train")
-        state.record = Record.empty(len(state.splats))
-        state.count("densifications", 1)
-
-    def _prune_unattended(self, state: TrainingState) -> None:
-        """Remove splats of low opacity and low attention."""
-        if self.method.prune == "none":
-            return
-        faint = torch.zeros(len(state.splats), dtype=torch.bool)
-        if self.method.prune_opacity > 0:
-            faint = state.splats.opacity_logits < logit(self.method.prune_opacity)
-        index = torch.nonzero(faint)[:, 0]
-        if self.method.prune == "blend":
-            scores = state.record.blend_scores()[index]
-        else:
-            means = state.splats.means[index].numpy().astype(np.float64)
-            scores = torch.from_numpy(self._scores_at(means))
-        removed = torch.zeros_like(faint)
-        removed[index[scores < self.method.prune_attention]] = True
-        self._remove(state, removed, "removed_unattended")
-
-    def _prune_idle(self, state: TrainingState) -> None:
-        """Remove splats that hardly show in the views that see them."""
-        if self.method.prune_contribution > 0:
-            idle = state.record.contributions() < self.method.prune_contribution
-            self._remove(state, idle & (state.record.seen > 0), "removed_idle")
-
-    def _remove(self, state: TrainingState, removed: Tensor, reason: str) -> None:
-        state.count(reason, int(removed.sum()))
-        means = state.splats.means[removed]
-        step = torch.full((len(means), 1), float(state.step + 1))
-        state.pruned = torch.cat([state.pruned, torch.cat([means, step], dim=1)])
-        state.splats = prune(state.splats, state.adam, removed)
-        state.record = state.record.keep(torch.nonzero(~removed)[:, 0])
 
     def _scores_at(self, points: NDArray[np.float64]) -> Floats:
         maps = [self.attention(i).numpy() for i in range(len(self.views))]

@@ -66,7 +66,7 @@ def test_a_video_names_capture_and_benchmark_after_itself(tmp_path: Path) -> Non
         ({"masks": Path("m")}, "--masks: goes with --photos"),
         ({"captures": ("rover",), "masks": Path("m")}, "not with bundled"),
         ({"iterations": 0}, "`iterations`.*found 0"),
-        ({"conditions": ("nobg-mine",)}, "'mine': expected one of 3dgs, 3dgs-tuned, ours"),
+        ({"conditions": ("nobg-mine",)}, "'mine': expected one of 3dgs, 3dgs-tuned, mcmc, ours"),
         ({"conditions": ("white-3dgs",)}, "BACKGROUND-METHOD"),
         ({"seeds": (1, 1)}, "`seeds`: expected different ones"),
         ({"name": "a b"}, "`name`"),

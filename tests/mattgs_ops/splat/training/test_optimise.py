@@ -90,6 +90,20 @@ def test_a_splat_out_of_view_goes_on_by_its_momentum() -> None:
     assert bool((splats.means != before).any())
 
 
+def test_penalties_weigh_on_splats_out_of_view_too() -> None:
+    view, splats = camera(40, 33), random_splats(20, seed=0)
+    away = replace(view, translation=view.translation - 1000)
+    adam, before = Adam(splats), replace(splats, log_scales=splats.log_scales.clone())
+    opacity = splats.opacity_logits.sigmoid()
+    adam.descend(render(splats, away, WHITE), upstream(view, 0), RATES, penalties=(0.3, 0.02))
+    # the first moment after one step is a tenth of the gradient
+    expected = 0.3 * opacity * (1 - opacity)
+    torch.testing.assert_close(adam.first["opacity_logits"] / 0.1, expected, rtol=1e-5, atol=1e-7)
+    expected = 0.02 * before.log_scales.exp()
+    torch.testing.assert_close(adam.first["log_scales"] / 0.1, expected, rtol=1e-5, atol=1e-7)
+    assert not adam.first["means"].any()
+
+
 def test_a_gradient_that_is_not_finite_is_named() -> None:
     view, splats = camera(40, 33), random_splats(20, seed=0)
     grad = upstream(view, 0)

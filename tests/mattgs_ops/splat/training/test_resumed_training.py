@@ -9,10 +9,10 @@ from mattgs_ops.method import METHODS, MethodConfig
 from tests.mattgs_ops.splat.training.conftest import STEPS, KilledError, Train, pruned_of, splats_of
 
 
-@pytest.mark.parametrize("condition", ["nobg-3dgs", "nobg-blend"])
+@pytest.mark.parametrize("condition", ["nobg-3dgs", "nobg-blend", "nobg-mcmc"])
 def test_a_killed_run_resumes_to_the_same_bits(run: Train, tmp_path: Path, condition: str) -> None:
     blend = MethodConfig(weighting="residual", prune="blend", prune_opacity=0.5)
-    options = {"method": METHODS["3dgs"] if condition == "nobg-3dgs" else blend}
+    options = {"method": blend if condition == "nobg-blend" else METHODS[condition[5:]]}
     whole = run("whole", condition, **options)
 
     def kill(step: int, total: int, note: str) -> None:

@@ -32,7 +32,8 @@ from tests.mattgs_ops.splat.training.conftest import (
 
 # eq. 15 taken literally leaves flat areas without L1, and gains less in as many steps
 @pytest.mark.parametrize(
-    ("condition", "gain"), [("nobg-3dgs", 3), ("nobg-ours", 2), ("original-3dgs", 3)]
+    ("condition", "gain"),
+    [("nobg-3dgs", 3), ("nobg-ours", 2), ("original-3dgs", 3), ("nobg-mcmc", 3)],
 )
 def test_held_out_views_come_out_well_above_the_start(
     run: Train, tiny_scene: Scene, tmp_path: Path, condition: str, gain: float

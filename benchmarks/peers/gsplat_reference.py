@@ -1,6 +1,6 @@
 """Compare ``rasterization`` with gsplat's own torch reference: values and gradients, side by side.
 
-``python benchmarks/gsplat_reference.py`` needs gsplat 1.5.3 (``pip install --no-deps
+``python benchmarks/peers/gsplat_reference.py`` needs gsplat 1.5.3 (``pip install --no-deps
 gsplat==1.5.3`` in an environment of its own, or unpacked somewhere on PYTHONPATH); it is no
 dependency of the project. Only ``gsplat/cuda/_torch_impl.py`` is run, in float64: what that file
 takes from CUDA and from nerfacc, the list of splats of each pixel and the sums along it, stands

@@ -1,0 +1,127 @@
+"""What comes with the images: gsplat's dictionary, and a graph that behaves as torch's do."""
+
+import gc
+import re
+import runpy
+import weakref
+from pathlib import Path
+
+import pytest
+import torch
+
+from mattgs_ops.splat import rasterization
+from tests.mattgs_ops.splat.gsplat_interface.conftest import (
+    DIFFERENTIABLE,
+    HEIGHT,
+    WIDTH,
+    reference,
+    scene,
+)
+
+DOCUMENT = Path(__file__).resolve().parents[4] / "docs" / "engine.md"
+
+
+@pytest.mark.parametrize("packed", [True, False])
+def test_meta_is_gsplats(packed: bool) -> None:
+    given = scene(9)
+    given["means"].requires_grad_()
+    images, _, meta = rasterization(
+        **given, width=WIDTH, height=HEIGHT, packed=packed, absgrad=True
+    )
+    meta["means2d"].retain_grad()
+    images.square().sum().backward()
+    slow = {n: t.detach().double().requires_grad_(n == "means") for n, t in given.items()}
+    for camera in range(2):
+        image, _, drawn = reference(slow, "RGB", None, camera)
+        image.square().sum().backward()
+        shift = drawn.shift.grad
+        assert shift is not None
+        rows = (
+            meta["gaussian_ids"][meta["camera_ids"] == camera] if packed else torch.arange(30)
+        ).tolist()
+        chosen = meta["camera_ids"] == camera if packed else camera
+        for name, expected in (("grad", shift.sum((1, 2))), ("absgrad", shift.abs().sum((1, 2)))):
+            found = getattr(meta["means2d"], name)[chosen].double()
+            torch.testing.assert_close(
+                found, expected[rows], rtol=1e-3, atol=1e-4 * float(expected.abs().max())
+            )
+        radii = meta["radii"][chosen]
+        assert radii.dtype == torch.int32
+        if packed:
+            hidden = sorted(set(range(30)) - set(rows))
+        else:
+            hidden = torch.where(radii[:, 0] == 0)[0].tolist()
+        assert 29 in hidden  # behind the camera
+        assert not drawn.visible[hidden].any()
+        torch.testing.assert_close(
+            meta["opacities"][chosen], given["opacities"][rows], rtol=0, atol=0
+        )
+
+
+def test_small_radii_are_clipped() -> None:
+    given = scene(10)
+    given["scales"][:10] = 1e-3
+    _, _, meta = rasterization(**given, width=WIDTH, height=HEIGHT, packed=False, radius_clip=3.0)
+    _, _, whole = rasterization(**given, width=WIDTH, height=HEIGHT, packed=False)
+    assert bool((whole["radii"][:, :10] > 0).any())
+    assert not bool((meta["radii"][:, :10] > 0).any())
+    larger = (whole["radii"] > 3).any(-1)
+    assert torch.equal(meta["radii"][larger], whole["radii"][larger])
+
+
+def test_the_same_bits_for_any_number_of_threads() -> None:
+    found = []
+    for threads in (1, 3):
+        given = {n: t.requires_grad_(n != "Ks") for n, t in scene(11, degree=2, count=300).items()}
+        images, _, _ = rasterization(
+            **given, width=90, height=70, sh_degree=2, render_mode="RGB+D", threads=threads
+        )
+        images.square().sum().backward()
+        found.append([images.detach(), *(given[n].grad for n in DIFFERENTIABLE)])
+    for one, other in zip(*found, strict=True):
+        assert one is not None
+        assert other is not None
+        assert torch.equal(one, other)
+
+
+def test_a_graph_is_freed_with_its_images() -> None:
+    given = scene(12)
+    given["means"].requires_grad_()
+    images, alphas, meta = rasterization(**given, width=WIDTH, height=HEIGHT)
+    node = images.grad_fn
+    while not hasattr(node, "drawing"):
+        node = node.next_functions[0][0]  # type: ignore[union-attr]
+    drawing = weakref.ref(node.drawing)
+    del node
+    assert drawing() is not None
+    gc.disable()
+    try:
+        del images, alphas, meta
+        assert drawing() is None  # by counting references alone: no cycle holds the engine's memory
+    finally:
+        gc.enable()
+
+
+def test_the_graph_can_be_used_twice_and_changes_in_place_are_noticed() -> None:
+    given = scene(13)
+    given["means"].requires_grad_()
+    images, _, _ = rasterization(**given, width=WIDTH, height=HEIGHT)
+    images.sum().backward(retain_graph=True)
+    first = given["means"].grad.clone()  # type: ignore[union-attr]
+    images.sum().backward(retain_graph=True)
+    torch.testing.assert_close(given["means"].grad, 2 * first)
+    with torch.no_grad():
+        given["means"] += 1
+    with pytest.raises(RuntimeError, match="modified by an inplace operation"):
+        images.sum().backward()
+
+
+def test_the_documents_example_learns_an_image(tmp_path: Path) -> None:
+    code = re.search(r"```python\n(import torch\n.*?)```", DOCUMENT.read_text("utf-8"), re.DOTALL)
+    assert code is not None
+    assert len(code[1].strip().splitlines()) <= 27
+    example = tmp_path / "example.py"
+    example.write_text(code[1], "utf-8")
+    torch.manual_seed(0)
+    losses = runpy.run_path(str(example))["losses"]
+    assert losses[-1] < 0.1 * losses[0]

@@ -249,10 +249,7 @@ def _evaluation(place: Place, artifacts: Mapping[str, Artifact]) -> dict[str, An
 
 
 def _trained_on(training: Mapping[str, Any], scene: Path) -> list[str]:
-    """Return the names of all photos that were trained on, scored or not.
-
-    A trainer that does not say so was given the scene's training views.
-    """
+    """Return the names of all photos that were trained on; by the scene if no trainer says so."""
     views = _read(scene / "scene.json")["views"]
     given = [view["name"] for view in views if view["split"] == "train" and view["camera"]]
     return sorted(training.get("trained_on") or given)

@@ -23,6 +23,7 @@ constexpr float HALF_LOG2E = 0.7213475204444817f;
 constexpr float LN2 = 0.6931471805599453f;
 constexpr float LOG_SCALE_LIMIT = 40.0f;        // e^40: keeps float32 finite, far beyond any scene
 constexpr float SCALE_LIMIT = 2.35e17f;         // about e^40, of scales themselves
+constexpr float EXTENT_LIMIT = 1e9f;            // px that are reported; fits gsplat's int32 radii
 constexpr int SH_REST = 15;
 constexpr int FIELDS = 6;                       // of SplatArrays
 constexpr int COLOUR_FLOATS = 12;               // colour, and its derivatives by the mean

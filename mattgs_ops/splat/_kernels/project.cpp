@@ -86,7 +86,8 @@ int64_t project(const SplatArrays<const float>& s, const Camera& c, int degree, 
         I visible = ~broken & g.in_front & (peak >= LOG2_ALPHA_MIN) & (x + extent_x > 0.0f) &
                     (x - extent_x < (float)c.width) & (y + extent_y > 0.0f) &
                     (y - extent_y < (float)c.height);
-        const F extents[2] = {ceil(extent_x), ceil(extent_y)};
+        const F extents[2] = {ceil(min(extent_x, all(EXTENT_LIMIT))),
+                              ceil(min(extent_y, all(EXTENT_LIMIT)))};
         if (asked.radius_clip > 0.0f)
             visible &= (extents[0] > asked.radius_clip) | (extents[1] > asked.radius_clip);
         if (asked.low_pass == 0.0f) visible &= narrow(v.det) > 0.0f;

@@ -29,7 +29,8 @@ def out(
     experiment = runs.open_benchmark(uri, "toy", folder / "mlflow-artifacts")
     for number, row in enumerate(pictured[0]):
         settings = {"iterations": 1000, "train": {"lr_scale": 0.005 * (number + 1)}}
-        runs.record(uri, experiment, row, parameters=settings, files=files_of(row, pictured[1]))
+        files = files_of(row, pictured[1], folder / "copies" / row["capture"])
+        runs.record(uri, experiment, row, parameters=settings, files=files)
     kept = folder / "benchmarks" / "toy"
     kept.mkdir(parents=True)
     (kept / "rows.json").write_text(json.dumps(pictured[0]))

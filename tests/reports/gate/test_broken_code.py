@@ -6,6 +6,7 @@ the experiments that it touches run again, and the gate must name it: the right 
 right metric, in the right cells.
 """
 
+import shutil
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -173,6 +174,7 @@ def test_twice_the_splats_are_worse_in_size(planted: Planted) -> None:
         twice = line.root / f"twice-{cell.capture}-{cell.condition}"
         twice.mkdir()
         write_ply(doubled(read_ply(out / "splats.ply")), twice / "splats.ply")
+        shutil.copy(out / "training.json", twice)  # it names the photos that were trained on
         speed = {name: before["metrics"][name] for name in SPEED}
         laps = before["repeats"]["time"]
         row = gate_runs.evaluated(

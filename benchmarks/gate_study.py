@@ -46,7 +46,7 @@ from reports.gate.self_check import (
     Comparison,
     Outcome,
     independent,
-    tried,
+    rates_of,
 )
 from reports.rows.schema import Row, read_rows
 
@@ -237,17 +237,17 @@ def scores(runs: Runs, count: int, against: str | None, *, others: bool) -> dict
     rest = compared if known else compared[1:]
     pairs, each = same_speed(independent(compared)), same_speed([(rows, one) for rows in rest])
     outcomes = {
-        "the same bits": tried([(one, one)] * DRAWS, noise=noise),
-        "other rounding, in pairs": tried(pairs, noise=noise),
-        f"other rounding, against {against or 'one run'}": tried(each, noise=noise),
-        "the same, noise not known": tried(each),
+        "the same bits": rates_of([(one, one)] * DRAWS, noise=noise),
+        "other rounding, in pairs": rates_of(pairs, noise=noise),
+        f"other rounding, against {against or 'one run'}": rates_of(each, noise=noise),
+        "the same, noise not known": rates_of(each),
     }
     if known:
         moved = [(rows, one) for rows in drawn(one, noise, DRAWS)]
-        outcomes[f"{against} moved by its noise"] = tried(moved, noise=noise)
+        outcomes[f"{against} moved by its noise"] = rates_of(moved, noise=noise)
     if others:
         elsewhere = same_speed([(rows, compared[0]) for rows in runs.elsewhere()])
-        outcomes["other instruction sets"] = tried(elsewhere, noise=noise)
+        outcomes["other instruction sets"] = rates_of(elsewhere, noise=noise)
     return outcomes
 
 
@@ -275,8 +275,8 @@ def main() -> int:
         timed = runs.read("speed", range(count))
         print(speed_spread(timed))
         outcomes = {
-            "speed, in pairs": tried(same_bits(independent(timed))),
-            "speed, against one run": tried(same_bits([(rows, timed[0]) for rows in timed[1:]])),
+            "speed, in pairs": rates_of(same_bits(independent(timed))),
+            "speed, against one run": rates_of(same_bits([(rows, timed[0]) for rows in timed[1:]])),
         }
     print(f"\nOne-sided bounds at 95 % in brackets.\n\n{table(outcomes)}")
     outcome = next(iter(outcomes.values()))

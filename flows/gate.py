@@ -43,16 +43,16 @@ def judge(
     reference = find_baseline(out, benchmark, against)
     rows = recorded(out, benchmark)
     report = compare(rows, reference.rows, noise=reference.noise, doubt=doubt)
-    seen = sensitivity(reference.rows, reference.noise)
-    blind = must_see and not seen.sees and report.exit_code == Exit.PASS
+    planted = sensitivity(reference.rows, reference.noise)
+    blind = must_see and not planted.complete and report.exit_code == Exit.PASS
     code = Exit.CANNOT_JUDGE if blind else report.exit_code
-    report = replace(report, planted=seen, exit_code=code)
+    report = replace(report, planted=planted, exit_code=code)
     folder = out / "benchmarks" / benchmark / "gate"
     for old in folder.glob("gate-*.png"):
         old.unlink()
     store = out / "store"
-    shown = pictures.draw(report, rows, store, folder, baseline=reference.rows, baseline_root=store)
-    output.write(report, folder, shown)
+    drawn = pictures.draw(report, rows, store, folder, baseline=reference.rows, baseline_root=store)
+    output.write(report, folder, drawn)
     _remember(out, against, report, rows)
     return f"{output.terminal(report)}\nGate: {folder}", report.exit_code
 

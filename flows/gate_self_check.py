@@ -25,5 +25,5 @@ def check(config: Path | None, out: Path, comparisons: int) -> tuple[str, int]:
         if not run_benchmark(settings, place):
             return f"Self-check: experiments failed; see {place}", Exit.FAILED_RUNS
         runs.append(recorded(place, settings.name))
-    found = self_check.self_check(runs, comparisons=comparisons)
-    return self_check.told(found), Exit.PASS if found.trusted else Exit.REGRESSION
+    outcome = self_check.self_check(runs, comparisons=comparisons)
+    return self_check.markdown(outcome), Exit.PASS if outcome.trusted else Exit.REGRESSION

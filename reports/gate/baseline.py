@@ -90,15 +90,19 @@ def _origin(rows: Sequence[Row]) -> tuple[dict[str, Any], dict[str, Any], float 
     origins = [row.get("provenance") or {} for row in rows]
 
     def occurring(name: str) -> list[str]:
-        found = (origin[name] for origin in origins if origin.get(name) is not None)
-        return sorted({v if isinstance(v, str) else json.dumps(v, sort_keys=True) for v in found})
+        values = (origin[name] for origin in origins if origin.get(name) is not None)
+        return sorted({v if isinstance(v, str) else json.dumps(v, sort_keys=True) for v in values})
 
     made_by: dict[str, Any] = {name: occurring(name) for name in MADE_BY}
     made_by["digest"] = digest([made_by])
     workloads = [seconds(row.get("metrics", {}).get("calibration")) for row in rows]
     workloads += [seconds(origin.get("calibration")) for origin in origins]
-    known = [value for value in workloads if value is not None]
-    return {name: occurring(name) for name in MACHINE}, made_by, median(known) if known else None
+    measured = [value for value in workloads if value is not None]
+    return (
+        {name: occurring(name) for name in MACHINE},
+        made_by,
+        median(measured) if measured else None,
+    )
 
 
 def measured_noise(runs: Sequence[Sequence[Row]]) -> dict[str, float]:
@@ -116,7 +120,10 @@ def measured_noise(runs: Sequence[Sequence[Row]]) -> dict[str, float]:
                 squares.setdefault(number.tolerance.metric, []).extend(changes)
     if not squares:
         raise InputError("noise: expected at least two comparable runs of the same benchmark")
-    return {name: round(sqrt(fmean(found) / 2), 6) for name, found in sorted(squares.items())}
+    return {
+        name: round(sqrt(fmean(changes_squared) / 2), 6)
+        for name, changes_squared in sorted(squares.items())
+    }
 
 
 def kept_noise(path: Path, name: str) -> dict[str, float]:
@@ -144,8 +151,8 @@ def load(place: str | Path) -> Baseline:
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, json.JSONDecodeError) as error:
-        known = ", ".join(sorted(p.stem for p in FOLDER.glob("*.json"))) or "none"
-        message = f"{path}: expected a readable baseline ({error}); committed ones: {known}"
+        names = ", ".join(sorted(p.stem for p in FOLDER.glob("*.json"))) or "none"
+        message = f"{path}: expected a readable baseline ({error}); committed ones: {names}"
         raise InputError(message) from error
     document = migrate(document, str(path))
     rows = tuple(
@@ -196,8 +203,8 @@ def _from_1(document: dict[str, Any]) -> dict[str, Any]:
 def _from_2(document: dict[str, Any]) -> dict[str, Any]:
     """Version 2 mixed what made the rows with the machine; both are in the rows themselves."""
     machine, made_by, workload = _origin(document["rows"])
-    found = {"machine": machine, "made_by": made_by, "calibration": workload}
-    return document | {"schema": 3} | found
+    origin = {"machine": machine, "made_by": made_by, "calibration": workload}
+    return document | {"schema": 3} | origin
 
 
 _MIGRATIONS = {1: _from_1, 2: _from_2}

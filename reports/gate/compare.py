@@ -40,11 +40,11 @@ def compare(
 
     ``noise`` is a baseline's, by metric, measured between machines; it counts for cells that were
     made on unlike machines, and for no others. ``doubt`` says which inconclusive numbers make the
-    whole one that cannot be judged. Speeds that were measured on another machine are not compared,
-    which is told once for each and excused.
+    outcome one that cannot be judged. Speeds that were measured on another machine are not
+    compared: one excused finding over all cells says so for each.
     """
-    known = noise or {}
-    table = [replace(t, between=known.get(t.metric)) for t in TOLERANCES]
+    between = noise or {}
+    table = [replace(t, between=between.get(t.metric)) for t in TOLERANCES]
     findings, judged = collected(candidate, baseline, table)
     findings += _judge(judged, table)
     ranked = tuple(sorted(findings, key=_rank))
@@ -64,8 +64,8 @@ def collected(
         if status is not None:
             findings.append(status)
         if key in ours and key in theirs:
-            told, numbers = _of_cell(ours[key], theirs[key], table)
-            findings += told
+            more, numbers = _of_cell(ours[key], theirs[key], table)
+            findings += more
             judged += numbers
     return list(dict.fromkeys(findings)), judged
 
@@ -73,7 +73,7 @@ def collected(
 def _of_cell(
     ours: Cell, theirs: Cell, table: Sequence[Tolerance]
 ) -> tuple[list[Finding], list[Judged]]:
-    """Collect one cell's numbers; speeds of another machine are told over all cells instead."""
+    """Collect one cell's numbers; a speed of another machine gets a finding over all cells."""
     findings: list[Finding] = []
     judged: list[Judged] = []
     name = str(ours.key)
@@ -81,7 +81,7 @@ def _of_cell(
     if blocked:
         return [Finding(name, "run", "rows", Verdict.NOT_COMPARABLE, "; ".join(blocked))], []
     unlike = list(dict.fromkeys(text for pair in pairs for text in comparable.other_truth(*pair)))
-    if unlike:  # how good the masks are, and how many poses were found, can still be told
+    if unlike:  # the quality of masks and the number of poses can still be judged
         findings.append(Finding(name, "run", "truth", Verdict.NOT_COMPARABLE, "; ".join(unlike)))
         table = [tolerance for tolerance in table if tolerance.upstream]
     for tolerance in table if pairs else ():
@@ -150,8 +150,8 @@ def _status(key: CellKey, ours: Cell | None, theirs: Cell | None) -> Finding | N
     reasons = {int(row["seed"]): str(row.get("reason")) for row in ours.failed}
     lost = sorted(before - after)
     if lost:
-        told = "; ".join(f"seed {seed}: {reasons.get(seed, 'no row')}" for seed in lost)
-        return Finding(name, "run", "status", Verdict.NEWLY_FAILING, told)
+        why = "; ".join(f"seed {seed}: {reasons.get(seed, 'no row')}" for seed in lost)
+        return Finding(name, "run", "status", Verdict.NEWLY_FAILING, why)
     if not before and not after:
         reason = "failed in the baseline as well"
         return Finding(name, "run", "status", Verdict.NOT_COMPARABLE, reason)
@@ -187,8 +187,8 @@ def _judge(judged: Sequence[Judged], table: Sequence[Tolerance]) -> list[Finding
         for number in mine:
             interval = interval_of(number, level, among, len(mine))
             values = (number.before, number.after)
-            found = _finding(str(number.key), tolerance, values, interval)
-            findings.append(replace(found, worst_view=worst_view(number)))
+            finding = _finding(str(number.key), tolerance, values, interval)
+            findings.append(replace(finding, worst_view=worst_view(number)))
         if tolerance.kind == "exact" or len(mine) < POOL_LEAST:
             continue
         kinds = {n.tolerance.metric for n in judged if n.tolerance.aspect == tolerance.aspect}

@@ -32,8 +32,8 @@ class Finding:
     """One verdict.
 
     ``change`` is signed so that positive is better: a difference in the metric's unit, or for
-    ratios a share (0.1: 10 % better). ``worst_view`` is the view that lost most. ``excused``: it is
-    told, and does not change the exit code.
+    ratios a share (0.1: 10 % better). ``worst_view`` is the view that lost most. ``excused``:
+    it is printed, and does not change the exit code.
     """
 
     cell: str
@@ -65,8 +65,8 @@ class Sensitivity:
     alarms: tuple[str, ...]
 
     @property
-    def sees(self) -> bool:
-        """Whether every loss was named, and nothing else."""
+    def complete(self) -> bool:
+        """Whether every loss was named, and nothing was called worse without one."""
         return not self.missed and not self.alarms
 
     def __str__(self) -> str:
@@ -81,7 +81,8 @@ class Sensitivity:
 class GateReport:
     """All findings, the worst first, and what the process should exit with.
 
-    ``planted`` is what the gate saw of losses planted into its baseline, where that was tried.
+    ``planted`` says which of the losses planted into its baseline the gate named; None where none
+    were planted.
     """
 
     findings: tuple[Finding, ...]

@@ -1,11 +1,11 @@
 """The interval of a change, in one cell and over several.
 
-A change can be seen in two ways, and the surer of two intervals counts, each at half of the chance
-of error. **By its spread**: views, and cells, are samples of what the change does; where the spread
-is small, the change is certain. **By known noise**: the benchmark is what it is, and its number
-moves without a cause only when rounding differs, by a noise that the baseline knows; runs that came
-out the same to the bit have none. So noise that is known never hides a change that its own spread
-shows, however large it is. Between machines it takes the place of spread among too few cells.
+There are two intervals of a change, each at half of the chance of error, and the narrower counts.
+**By its spread**: views and cells are samples of what the change does; a small spread makes the
+change certain. **By noise**: views and cells are fixed, and a number moves without a cause only
+when rounding differs. The baseline states the size of that noise; runs that agree to the bit have
+none. So a stated noise, however large, never hides a change that its own spread shows. Between
+machines it takes the place of the spread where there are too few cells.
 """
 
 import math
@@ -17,15 +17,14 @@ from reports.gate.tolerances import Tolerance
 from reports.rows import statistics
 from reports.rows.statistics import Interval
 
-SPREAD_LEAST = 4  # cells from which their spread is worth knowing
+SPREAD_LEAST = 4  # cells from which their spread is used
 
 
 def interval_of(number: Judged, level: float, among: float = 0.0, cells: int = 0) -> Interval:
     """Return the interval of the mean change at a confidence, shares for ratios.
 
     ``among`` is the spread of this metric's changes among the ``cells`` of the same comparison
-    (:func:`spread_among`): where runs differ by more than the tolerance's noise, that is seen
-    there, and believed.
+    (:func:`spread_among`). It counts where it is larger than the tolerance's noise.
     """
     tolerance = number.tolerance
     if tolerance.kind == "exact":
@@ -34,11 +33,11 @@ def interval_of(number: Judged, level: float, among: float = 0.0, cells: int = 0
         return Interval(mean, mean - half, mean + half, len(number.pairs))
     rounding = rounding_noise([number])
     shared = level if rounding is None else _halved(level)
-    found = _by_spread(number, shared, among, cells)
-    if found.mean == found.half == 0:
-        return found  # the same to the bit: a deterministic run has no noise to add
+    by_spread = _by_spread(number, shared, among, cells)
+    if by_spread.mean == by_spread.half == 0:
+        return by_spread  # the same to the bit: a deterministic run has no noise to add
     enough = cells >= SPREAD_LEAST or not number.moved
-    return _surer(found, rounding, shared, tolerance, spread=enough)
+    return _narrower(by_spread, rounding, shared, tolerance, spread=enough)
 
 
 def _by_spread(number: Judged, level: float, among: float, cells: int) -> Interval:
@@ -52,38 +51,40 @@ def _by_spread(number: Judged, level: float, among: float, cells: int) -> Interv
         statistics.quantile(cells - 1, level) * among if among > 0 else 0.0,
     )
     if number.tolerance.kind == "difference":
-        found = statistics.paired(changes, dict.fromkeys(changes, 0.0), level)
-        assert found is not None  # changes hold complete pairs
-        if found.mean == found.half == 0:
-            return found
-        half = math.hypot(found.half, run)
-        return Interval(found.mean, found.mean - half, found.mean + half, found.samples)
+        interval = statistics.paired(changes, dict.fromkeys(changes, 0.0), level)
+        assert interval is not None  # changes hold complete pairs
+        if interval.mean == interval.half == 0:
+            return interval
+        half = math.hypot(interval.half, run)
+        return Interval(interval.mean, interval.mean - half, interval.mean + half, interval.samples)
     mean = change_of(number)
     return Interval(mean, mean - run, mean + run, len(changes))
 
 
 def rounding_noise(numbers: Sequence[Judged]) -> float | None:
-    """Return the standard deviation of the mean change of numbers that rounding alone makes.
+    """Return the standard deviation of the mean change that rounding alone makes.
 
-    None where the baseline does not know it, and for speed, which rounding does not touch.
+    None where the baseline states none, and for speed, which rounding does not change.
     """
-    known = numbers[0].tolerance.between
-    if known is None or numbers[0].tolerance.kind == "speed":
+    stated = numbers[0].tolerance.between
+    if stated is None or numbers[0].tolerance.kind == "speed":
         return None
     runs = [change for number in numbers for change, _ in by_seed(number).values()]
     moved = sum(change != 0 for change in runs)
-    return known * math.sqrt(2 * moved) / len(runs)
+    return stated * math.sqrt(2 * moved) / len(runs)
 
 
-def _surer(
-    found: Interval, rounding: float | None, level: float, tolerance: Tolerance, *, spread: bool
+def _narrower(
+    by_spread: Interval, rounding: float | None, level: float, tolerance: Tolerance, *, spread: bool
 ) -> Interval:
-    """Return the narrower of two intervals of one mean; without ``spread`` the known noise's."""
-    half = found.half
+    """Return the narrower of two intervals of one mean; without ``spread`` that of the noise."""
+    half = by_spread.half
     if rounding is not None:
-        known = statistics.quantile(math.inf, level) * rounding
-        half = min(half, known) if spread else known
-    interval = Interval(found.mean, found.mean - half, found.mean + half, found.samples)
+        by_noise = statistics.quantile(math.inf, level) * rounding
+        half = min(half, by_noise) if spread else by_noise
+    interval = Interval(
+        by_spread.mean, by_spread.mean - half, by_spread.mean + half, by_spread.samples
+    )
     return interval if tolerance.kind == "difference" else as_share(interval)
 
 
@@ -95,9 +96,9 @@ def _halved(level: float) -> float:
 def spread_among(numbers: Sequence[Judged]) -> float:
     """Return the standard deviation of one metric's changes among cells, 0 for fewer than four.
 
-    From the median absolute deviation, so that one cell that really changed does not hide itself.
-    A change that all cells, all of a method, a background or a capture share is no spread either:
-    of these explanations the one that leaves least counts.
+    It comes from the median absolute deviation, so that one cell that really changed does not hide
+    itself. A change that all cells share, or all of a method, a background or a capture, is no
+    spread: of these four explanations the one that leaves least counts.
     """
     if len(numbers) < SPREAD_LEAST:
         return 0.0
@@ -124,8 +125,8 @@ def interval_of_all(numbers: Sequence[Judged], level: float) -> Interval:
     """Return the interval of one metric's mean change over several cells, shares for ratios.
 
     Quality goes by views: a view's change, averaged over the cells that show it, is one sample, and
-    captures are strata. To that comes what whole runs differ by. Speed and size go by single runs,
-    whose errors are their own; speed adds what all runs of one gate share (``Tolerance.common``).
+    captures are strata. The spread between runs is added. Speed and size go by single runs, each
+    with its own error; speed adds what all runs of one gate share (``Tolerance.common``).
     """
     tolerance = numbers[0].tolerance
     rounding = rounding_noise(numbers)
@@ -134,33 +135,34 @@ def interval_of_all(numbers: Sequence[Judged], level: float) -> Interval:
     runs = [change for number in numbers for change, _ in by_seed(number).values()]
     stated = normal * tolerance.noise * math.sqrt(2 / len(runs))
     if tolerance.kind == "difference":
-        found = statistics.stratified(_by_view(numbers), shared)
+        interval = statistics.stratified(_by_view(numbers), shared)
         among = spread_among(numbers)
-        seen = statistics.quantile(len(numbers) - 1, shared) * among / math.sqrt(len(numbers))
-        half = math.hypot(found.half, max(stated, seen))
+        spread = statistics.quantile(len(numbers) - 1, shared) * among / math.sqrt(len(numbers))
+        half = math.hypot(interval.half, max(stated, spread))
     else:
-        found = statistics.sample(runs, shared)
-        half = math.hypot(max(found.half, stated), normal * tolerance.common * math.sqrt(2))
-    if found.mean == found.half == 0:
-        return found  # the same to the bit
-    whole = Interval(found.mean, found.mean - half, found.mean + half, found.samples)
+        interval = statistics.sample(runs, shared)
+        half = math.hypot(max(interval.half, stated), normal * tolerance.common * math.sqrt(2))
+    if interval.mean == interval.half == 0:
+        return interval  # the same to the bit
+    wider = Interval(interval.mean, interval.mean - half, interval.mean + half, interval.samples)
     enough = len(numbers) >= SPREAD_LEAST or not any(number.moved for number in numbers)
-    return _surer(whole, rounding, shared, tolerance, spread=enough)
+    return _narrower(wider, rounding, shared, tolerance, spread=enough)
 
 
 def _by_view(numbers: Sequence[Judged]) -> list[list[float]]:
     """Return, by capture, each view's change averaged over its cells and seeds."""
-    found: dict[str, dict[str, list[float]]] = {}
+    by_capture: dict[str, dict[str, list[float]]] = {}
     for number in numbers:
-        views = found.setdefault(number.key.capture, {})
+        views = by_capture.setdefault(number.key.capture, {})
         for (view, _), change in changes_of(number).items():
             views.setdefault(view, []).append(change)
-    return [[fmean(changes) for changes in views.values()] for views in found.values()]
+    return [[fmean(changes) for changes in views.values()] for views in by_capture.values()]
 
 
-def as_share(found: Interval) -> Interval:
+def as_share(logarithms: Interval) -> Interval:
     """Turn logarithms of ratios into shares: 0.1 is 10 % better."""
     low, mean, high = (
-        math.expm1(v) if v < 700 else math.inf for v in (found.low, found.mean, found.high)
+        math.expm1(v) if v < 700 else math.inf
+        for v in (logarithms.low, logarithms.mean, logarithms.high)
     )
-    return Interval(mean, low, high, found.samples)
+    return Interval(mean, low, high, logarithms.samples)

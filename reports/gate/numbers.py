@@ -69,9 +69,9 @@ def _noise(tolerance: Tolerance, baseline: Sequence[Row], *, moved: bool) -> flo
         return tolerance.noise
     if tolerance.between is not None or tolerance.metric != "registered":
         return tolerance.between or 0.0
-    found = [row.get("registration") or {} for row in baseline]
-    views = fmean(float(one.get("views") or one["registered"]) for one in found)
-    share = (fmean(float(one["registered"]) for one in found) + 1) / (views + 2)
+    registrations = [row.get("registration") or {} for row in baseline]
+    views = fmean(float(one.get("views") or one["registered"]) for one in registrations)
+    share = (fmean(float(one["registered"]) for one in registrations) + 1) / (views + 2)
     return math.sqrt(views * share * max(0.0, 1 - share))
 
 
@@ -84,8 +84,8 @@ def _unusable(tolerance: Tolerance, ours: Mapping[str, float], theirs: Mapping[s
     if not all(map(math.isfinite, [*ours.values(), *theirs.values()])):
         return "a value is not finite"
     if tolerance.kind in ("ratio", "speed"):
-        for side, found in (("candidate", ours), ("baseline", theirs)):
-            low = min(found.values())
+        for side, values in (("candidate", ours), ("baseline", theirs)):
+            low = min(values.values())
             if low <= 0:
                 return f"the {side} has {low:g}: expected more than 0"
     return ""
@@ -95,8 +95,8 @@ def _values(row: Row, tolerance: Tolerance) -> dict[str, float]:
     """Return one row's values of a metric by view; a single one is called ``all``."""
     if tolerance.kind == "difference":
         held_out = [view for view in row["per_view"] if view["split"] == "test"]
-        found = {str(view["view"]): view.get(tolerance.metric) for view in held_out}
-        return {name: float(value) for name, value in found.items() if value is not None}
+        scores = {str(view["view"]): view.get(tolerance.metric) for view in held_out}
+        return {name: float(value) for name, value in scores.items() if value is not None}
     if tolerance.kind == "speed":
         return speed.calibrated(row, tolerance.metric)
     value = _single(row, tolerance.metric)
@@ -125,13 +125,13 @@ def by_seed(number: Judged) -> dict[int, tuple[float, float]]:
     Of speeds the median over repeats counts: what disturbs a machine disturbs single repeats. Its
     error is the median absolute deviation's, or what the rows state where there is one repeat.
     """
-    found: dict[int, list[float]] = {}
+    changes: dict[int, list[float]] = {}
     for (_, seed), change in changes_of(number).items():
-        found.setdefault(seed, []).append(change)
+        changes.setdefault(seed, []).append(change)
     if number.tolerance.kind != "speed":
-        return {seed: (fmean(values), 0.0) for seed, values in found.items()}
+        return {seed: (fmean(values), 0.0) for seed, values in changes.items()}
     out = {}
-    for seed, values in found.items():
+    for seed, values in changes.items():
         centre = median(values)
         spread = median(abs(value - centre) for value in values)
         own = MEDIAN_ERROR * spread / math.sqrt(len(values))

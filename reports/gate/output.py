@@ -46,32 +46,36 @@ def write(
 
 def terminal(report: GateReport) -> str:
     """Verdict first, then what is not "same", the worst first; at most 100 columns wide."""
-    lines = [f"Gate: {MEANING[report.exit_code]}. {counts(report)}", *sight(report), ""]
-    shown = worth_reading(report)
-    if not shown:
+    lines = [f"Gate: {MEANING[report.exit_code]}. {counts(report)}", *sensitivity_lines(report), ""]
+    findings = worth_reading(report)
+    if not findings:
         return "\n".join(lines)
     rows = [["Verdict", "Cell", "Metric", "Before", "After", "Change", "Interval"]]
-    rows += [_cells(finding) for finding in shown[:MOST_LINES]]
+    rows += [_cells(finding) for finding in findings[:MOST_LINES]]
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     lines += ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
-    if len(shown) > MOST_LINES:
-        lines.append(f"… and {len(shown) - MOST_LINES} more")
-    told = [f for f in shown if f.reason]
-    lines += ["", *(f"{f.cell} {f.metric}: {f.reason}" for f in told[:MOST_LINES])] if told else []
+    if len(findings) > MOST_LINES:
+        lines.append(f"… and {len(findings) - MOST_LINES} more")
+    explained = [f for f in findings if f.reason]
+    lines += (
+        ["", *(f"{f.cell} {f.metric}: {f.reason}" for f in explained[:MOST_LINES])]
+        if explained
+        else []
+    )
     return "\n".join(lines) + "\n"
 
 
 def markdown(report: GateReport, pictures: Sequence[tuple[str, str]] = ()) -> str:
     """For a CI job's summary; ``pictures`` are (caption, link) of the view that changed most."""
     lines = [f"## Gate: {MEANING[report.exit_code]}", "", counts(report), ""]
-    lines += [text for line in sight(report) for text in (line, "")]
-    shown = worth_reading(report)
-    if shown:
+    lines += [text for line in sensitivity_lines(report) for text in (line, "")]
+    findings = worth_reading(report)
+    if findings:
         lines += [
             "| Verdict | Cell | Metric | Before | After | Change (+ is better) | Interval | Why |",
             "| --- | --- | --- | --: | --: | --: | --- | --- |",
         ]
-        for finding in shown:
+        for finding in findings:
             cells = [*_cells(finding), finding.reason]
             if finding.verdict in FAILURES:
                 cells[0] = f"**{cells[0]}**"
@@ -187,17 +191,17 @@ def worth_reading(report: GateReport) -> list[Finding]:
 
 def counts(report: GateReport) -> str:
     """How many findings have each verdict, in words."""
-    found = [(report.count(verdict), str(verdict)) for verdict in Verdict]
-    return ", ".join(f"{number} {name}" for number, name in found if number) + "."
+    numbers = [(report.count(verdict), str(verdict)) for verdict in Verdict]
+    return ", ".join(f"{number} {name}" for number, name in numbers if number) + "."
 
 
-def sight(report: GateReport) -> list[str]:
+def sensitivity_lines(report: GateReport) -> list[str]:
     """Say how small a loss this gate would have named, in lines."""
-    known = report.smallest_named()
+    smallest = report.smallest_named()
     parts = []
     for metric, called in IN_WORDS.items():
-        if metric in known:
-            unit = f"{known[metric]:.1%}" if metric in RATIOS else f"{known[metric]:.2f} dB"
+        if metric in smallest:
+            unit = f"{smallest[metric]:.1%}" if metric in RATIOS else f"{smallest[metric]:.2f} dB"
             parts.append(f"{called} {unit}")
     lines = [f"A loss in all cells would be named from: {', '.join(parts)}."] if parts else []
     return lines + ([str(report.planted)] if report.planted is not None else [])

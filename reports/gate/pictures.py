@@ -12,7 +12,7 @@ from reports.gate.findings import Finding, GateReport, Verdict
 from reports.rows.schema import Row, cells, refused
 
 MOST = 3  # pictures in a summary
-ERROR_GAIN = 4.0  # an error of a quarter is shown white
+ERROR_GAIN = 4.0  # an error of a quarter is white
 GAP = 4  # pixels between panels
 
 
@@ -27,14 +27,14 @@ def draw(
 ) -> list[tuple[str, str]]:
     """Draw the views of the worst findings into ``folder``; returns (caption, file name).
 
-    The baseline's own render is shown where its artifacts are still on this disk. Findings whose
-    pictures are not there are passed over: the table names them all the same.
+    The baseline's own render is drawn where its artifacts are still on this disk. Findings without
+    pictures are left out here: the table names them.
     """
     out: list[tuple[str, str]] = []
-    seen: set[tuple[str, str]] = set()
+    drawn: set[tuple[str, str]] = set()
     for finding in report.findings:
         view = finding.worst_view
-        if finding.verdict != Verdict.WORSE or view is None or (finding.cell, view) in seen:
+        if finding.verdict != Verdict.WORSE or view is None or (finding.cell, view) in drawn:
             continue
         after = _render(finding, candidate, root)
         if after is None:
@@ -43,9 +43,9 @@ def draw(
         name = f"gate-{len(out) + 1}.png"
         folder.mkdir(parents=True, exist_ok=True)
         _panels(after, before).save(folder / name)
-        shown = "truth, before, after, error" if before else "truth, after, error"
-        out.append((f"{finding.cell}, view {view}: {shown} (× {ERROR_GAIN:.0f})", name))
-        seen.add((finding.cell, view))
+        panels = "truth, before, after, error" if before else "truth, after, error"
+        out.append((f"{finding.cell}, view {view}: {panels} (× {ERROR_GAIN:.0f})", name))
+        drawn.add((finding.cell, view))
         if len(out) == MOST:
             break
     return out
@@ -59,11 +59,11 @@ def _render(
     if not mine or finding.worst_view is None:
         return None
     key = mine[0].key
-    found: Gallery = pictures.gallery(key.capture, mine, root)
-    if (key.condition, finding.worst_view) not in found.renders:
+    gallery: Gallery = pictures.gallery(key.capture, mine, root)
+    if (key.condition, finding.worst_view) not in gallery.renders:
         return None
     view = finding.worst_view
-    return found.truth(key.condition, view), found.render(key.condition, view)
+    return gallery.truth(key.condition, view), gallery.render(key.condition, view)
 
 
 def _panels(after: tuple[Floats, Floats], before: tuple[Floats, Floats] | None) -> Image.Image:

@@ -1,8 +1,8 @@
-"""Losses planted into a baseline's own rows, so that a gate that has become blind is noticed.
+"""Losses planted into a baseline's own rows: they show that the gate still detects losses.
 
-Every run of the gate is shown the baseline against itself with each loss of :func:`plants`, and
-must name it; without a loss it must call nothing worse. Losses are uneven, as real ones are: views
-lose different amounts, and so do captures, around the mean that is stated.
+Every run of the gate compares the baseline with itself, once with each loss of :func:`plants`. It
+must name the loss; without one it must call nothing worse. Losses are uneven, as real ones are:
+views lose different amounts, and so do captures, around the mean that is stated.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -24,14 +24,14 @@ GROWTH = SLOWDOWN = 0.10
 # changed on purpose) gave 0.25 to 0.41, averaged over cells; this is somewhat harder to see.
 UNEVEN = 0.5  # of views within a capture, and of captures
 SPEED_METRICS = ("time", "fps")
-OTHER = "another"  # digest of what nobody has seen
+OTHER = "another"  # a digest that no file has
 
 Rows = Sequence[Row]
 
 
 @dataclass(frozen=True)
 class Plant:
-    """One loss: what it is called, how it changes rows, and whether a report names it."""
+    """One loss: its name, how it changes rows, and whether a report names it."""
 
     name: str
     change: Callable[[Rows], list[Row]]
@@ -42,15 +42,15 @@ def sensitivity(baseline: Rows, noise: Mapping[str, float] | None = None) -> Sen
     """Judge a baseline's rows against themselves, once as they are and once with each loss."""
     quiet = compare(baseline, baseline, noise=noise)
     alarms = [f"{f.cell} {f.metric}" for f in quiet.findings if f.verdict == Verdict.WORSE]
-    seen: dict[bool, list[str]] = {True: [], False: []}
+    names: dict[bool, list[str]] = {True: [], False: []}
     for plant in plants(baseline):
         report = compare(plant.change(baseline), baseline, noise=noise)
-        seen[plant.named(report)].append(plant.name)
-    return Sensitivity(tuple(seen[True]), tuple(seen[False]), tuple(alarms))
+        names[plant.named(report)].append(plant.name)
+    return Sensitivity(tuple(names[True]), tuple(names[False]), tuple(alarms))
 
 
 def plants(baseline: Rows) -> list[Plant]:
-    """Return the losses that the gate is shown, among them one for each method of the rows."""
+    """Return the losses to plant, among them one for each method and each capture of the rows."""
     finished = [row for row in baseline if row["status"] == "finished"]
     methods = list(dict.fromkeys(row["method"] for row in finished))
     captures = list(dict.fromkeys(row["capture"] for row in finished))

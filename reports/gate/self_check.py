@@ -1,7 +1,7 @@
-"""The gate tried on itself: how often unchanged code alarms it, how often a planted loss escapes.
+"""How often the gate errs: false alarms of unchanged code, and planted losses that it misses.
 
-Nothing changed between runs of the same code, so whatever is called worse is a false alarm. Runs
-are compared twice over. **Independent**: each run is used once, the first against the second, the
+Between runs of the same code nothing changed, so whatever is called worse is a false alarm. Runs
+are compared in two ways. **Independent**: each run is used once, the first against the second, the
 third against the fourth; N runs give N / 2 comparisons, and only these bound a rate.
 **Resampled**: which run is called candidate and which baseline is drawn for a comparison as a whole
 in one half of them, so that what all cells of a run share stays shared, and for each experiment
@@ -25,7 +25,7 @@ from reports.rows.schema import Row, key_of, refused
 
 LEAST = 200  # resampled comparisons
 FALSE_MOST, CAUGHT_LEAST = 0.01, 0.95
-SURE = 0.95  # one-sided confidence of bounds
+CONFIDENCE = 0.95  # one-sided confidence of bounds
 Experiments = dict[object, Row]
 Comparison = tuple[list[Row], list[Row]]  # candidate, baseline
 Plant = Callable[[list[Row], int], list[Row]]
@@ -54,14 +54,14 @@ class Rate:
         """Upper bound of the rate (Clopper & Pearson 1934); about 3 / trials without a hit."""
         if self.hits >= self.trials:
             return 1.0
-        return float(betaincinv(self.hits + 1, self.trials - self.hits, SURE))
+        return float(betaincinv(self.hits + 1, self.trials - self.hits, CONFIDENCE))
 
     @property
     def least(self) -> float:
         """Lower bound of the rate, likewise."""
         if self.hits == 0:
             return 0.0
-        return float(betaincinv(self.hits, self.trials - self.hits + 1, 1 - SURE))
+        return float(betaincinv(self.hits, self.trials - self.hits + 1, 1 - CONFIDENCE))
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class SelfCheck:
 
     @property
     def trusted(self) -> bool:
-        """Whether nothing speaks against it.
+        """Whether the gate meets what is required of it, as far as these runs can say.
 
         Under 1 % false and 95 % caught of what was resampled, and no more or less of what is
         independent than chance can make of such rates.
@@ -100,22 +100,22 @@ class SelfCheck:
         return sure and drawn.false_alarms.share < FALSE_MOST and caught >= CAUGHT_LEAST
 
 
-def told(found: SelfCheck) -> str:
+def markdown(check: SelfCheck) -> str:
     """Return the outcome as a Markdown table with two sentences on top."""
-    verdict = "may" if found.trusted else "may not"
-    alarms = found.independent.false_alarms
+    verdict = "may" if check.trusted else "may not"
+    alarms = check.independent.false_alarms
     first = (
         f"Self-check: the gate {verdict} be trusted on such runs "
         f"(required: under {FALSE_MOST:.0%} false, at least {CAUGHT_LEAST:.0%} caught)."
     )
     second = (
-        f"{found.runs} runs are {alarms.trials} independent comparisons: {alarms.hits} false "
-        f"alarms bound their rate at {alarms.most:.1%} ({SURE:.0%} confidence)."
+        f"{check.runs} runs are {alarms.trials} independent comparisons: {alarms.hits} false "
+        f"alarms bound their rate at {alarms.most:.1%} ({CONFIDENCE:.0%} confidence)."
     )
     caught = " | ".join(f"{name} caught" for name in PLANTED)
     head = f"| comparisons | number | false alarms | cannot judge | {caught} |"
     lines = [first, second, "", head, "| --- |" + " --: |" * (3 + len(PLANTED))]
-    for name, one in (("independent", found.independent), ("resampled", found.resampled)):
+    for name, one in (("independent", check.independent), ("resampled", check.resampled)):
         rates = [one.false_alarms, one.doubts, *one.caught.values()]
         shares = " | ".join(f"{rate.share:.1%}" for rate in rates)
         lines.append(f"| {name} | {one.false_alarms.trials} | {shares} |")
@@ -136,7 +136,9 @@ def self_check(
     experiments = _experiments(runs)
     rng = np.random.default_rng(seed)
     drawn = [resample(experiments, rng) for _ in range(comparisons)]
-    return SelfCheck(len(runs), tried(independent(runs), noise=noise), tried(drawn, noise=noise))
+    return SelfCheck(
+        len(runs), rates_of(independent(runs), noise=noise), rates_of(drawn, noise=noise)
+    )
 
 
 def independent(runs: Sequence[Sequence[Row]]) -> list[Comparison]:
@@ -144,7 +146,7 @@ def independent(runs: Sequence[Sequence[Row]]) -> list[Comparison]:
     return [(list(new), list(old)) for new, old in zip(runs[1::2], runs[::2], strict=False)]
 
 
-def tried(
+def rates_of(
     comparisons: Sequence[Comparison], *, noise: Mapping[str, float] | None = None
 ) -> Outcome:
     """Judge comparisons of unchanged code as they are, and once with each loss planted."""
@@ -183,23 +185,27 @@ def worse(report: GateReport, aspect: str | None = None) -> set[str]:
 
 
 def _experiments(runs: Sequence[Sequence[Row]]) -> list[Experiments]:
-    found: list[Experiments] = [
+    experiments: list[Experiments] = [
         {(key_of(row), row["seed"]): row for row in refused(rows) if row["status"] == "finished"}
         for rows in runs
     ]
-    if len(found) < 2 or not found[0] or any(one.keys() != found[0].keys() for one in found):
+    if (
+        len(experiments) < 2
+        or not experiments[0]
+        or any(one.keys() != experiments[0].keys() for one in experiments)
+    ):
         raise InputError("self-check: expected two runs or more with the same finished experiments")
-    return found
+    return experiments
 
 
 def resample(runs: Sequence[Experiments], rng: np.random.Generator) -> tuple[list[Row], list[Row]]:
     """Return (candidate, baseline) of one A/A comparison."""
     draws: dict[object, list[int]] = {}
     candidate, baseline = [], []
-    whole = bool(rng.integers(2))
+    together = bool(rng.integers(2))
     new, old = rng.choice(len(runs), 2, replace=False)
     for name, one in runs[0].items():
-        if not whole:
+        if not together:
             new, old = rng.choice(len(runs), 2, replace=False)
         cell = key_of(one)
         if cell not in draws:  # all seeds of a cell share the views

@@ -32,19 +32,19 @@ def calibrated(row: Row, metric: str) -> dict[str, float]:
         if ready:
             return {"0": float(ready)}
         repeats = [{"value": row["metrics"].get(metric), "calibration": _workload(row, metric)}]
-    found = {}
+    values = {}
     for index, repeat in enumerate(repeats):
         value, workload = repeat.get("value"), seconds(repeat.get("calibration"))
         if not isinstance(value, int | float) or not value > 0 or workload is None:
             return {}
-        found[str(index)] = value * workload if metric in RATES else value / workload
-    return found
+        values[str(index)] = value * workload if metric in RATES else value / workload
+    return values
 
 
 def noise(row: Row, metric: str) -> float:
     """Return the relative standard error that the row states for a calibrated value, else 0."""
-    found = row["metrics"].get(f"{metric}_noise")
-    return float(found) if isinstance(found, int | float) and math.isfinite(found) else 0.0
+    stated = row["metrics"].get(f"{metric}_noise")
+    return float(stated) if isinstance(stated, int | float) and math.isfinite(stated) else 0.0
 
 
 def machine_of(row: Row, metric: str) -> Mapping[str, Any]:
@@ -54,8 +54,8 @@ def machine_of(row: Row, metric: str) -> Mapping[str, Any]:
     that do not say so were measured where they were trained.
     """
     origin = row.get("provenance") or {}
-    found = origin.get("measured" if metric in RATES else "timed") or origin
-    return dict(found)
+    machine = origin.get("measured" if metric in RATES else "timed") or origin
+    return dict(machine)
 
 
 def other_machine(candidate: Row, baseline: Row, metric: str) -> str:
@@ -64,8 +64,10 @@ def other_machine(candidate: Row, baseline: Row, metric: str) -> str:
     if not ours.get("cpu") or not theirs.get("cpu"):
         return "the machine is not known"
     unlike = [name for name in MACHINE if ours.get(name) != theirs.get(name)]
-    told = (f"{name}: baseline {theirs.get(name)}, candidate {ours.get(name)}" for name in unlike)
-    return f"another machine ({'; '.join(told)})" if unlike else ""
+    differences = (
+        f"{name}: baseline {theirs.get(name)}, candidate {ours.get(name)}" for name in unlike
+    )
+    return f"another machine ({'; '.join(differences)})" if unlike else ""
 
 
 def rounds_otherwise(candidate: Row, baseline: Row) -> bool:

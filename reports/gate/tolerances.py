@@ -33,7 +33,7 @@ class Doubt(StrEnum):
     """Which inconclusive numbers mean that nothing can be judged (exit code 2).
 
     ``ALL`` of them, and excused ones too; those whose estimate is a loss beyond its ``MARGIN``; or
-    ``NONE``: they are told only.
+    ``NONE``: they are printed only.
     """
 
     ALL = "all"

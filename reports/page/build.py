@@ -61,10 +61,10 @@ def build(
         for suffix, form in FORMATS.items():
             _write(out / "tables" / f"{table.slug}.{suffix}", form(table))
     one_each = largest(good)  # pictures and verdicts are of the largest budgets
-    found = [pictures.gallery(name, cells(one_each), artifacts_root) for name in captures(good)]
+    galleries = [pictures.gallery(name, cells(one_each), artifacts_root) for name in captures(good)]
     with plots.style():
         first = budget_figures.budget_curves(ordered, out / "figures")
-    drawn = _draw(one_each, found, artifacts_root, out / "figures")
+    drawn = _draw(one_each, galleries, artifacts_root, out / "figures")
     if first:  # curves say more than their largest budgets' points
         drawn = [one for one in drawn if not one.slug.startswith(trade_off.SLUG)]
     overall = verdict.overall(one_each)
@@ -80,13 +80,13 @@ def build(
         tables=tables,
         figures=drawn,
         first=first,
-        galleries=found,
+        galleries=galleries,
         root=artifacts_root,
         problems=wrong,
         notes=notes,
         warnings=warned,
     )
-    missing = [*wrong, *pictures.missing_pictures(found)]
+    missing = [*wrong, *pictures.missing_pictures(galleries)]
     words = _markdown(title, line, warned, judged, notes, tables, first, drawn, missing, out)
     _write(out / "report.md", words)
     path = out / "report.html"
@@ -95,17 +95,17 @@ def build(
 
 
 def _draw(
-    rows: Sequence[Row], found: Sequence[Gallery], root: Path | None, folder: Path
+    rows: Sequence[Row], galleries: Sequence[Gallery], root: Path | None, folder: Path
 ) -> list[Saved]:
     with plots.style():
         drawn = [
             *trade_off.trade_offs(rows, folder),
             *plots.training_curves(rows, root, folder),
         ]
-        shown = photos.all_photo_figures(found, cells(rows), root, folder)
+        pictorial = photos.all_photo_figures(galleries, cells(rows), root, folder)
         masks = [mask_sheets.sheet(rows, name, root, folder) for name in captures(rows)]
-        shown += [one for one in masks if one is not None]
-    return [*shown, *drawn]
+        pictorial += [one for one in masks if one is not None]
+    return [*pictorial, *drawn]
 
 
 def _markdown(

@@ -68,18 +68,18 @@ def render(
         undefined=jinja2.StrictUndefined,
     )
     environment.filters["unbroken"] = _unbroken
-    lanes = sum(len(found.conditions) + len(backgrounds(found)) for found in galleries)
+    lanes = sum(len(gallery.conditions) + len(backgrounds(gallery)) for gallery in galleries)
     views = min(SLIDER_BUDGET, max(FEWEST_VIEWS, PICTURES // max(1, lanes)))
-    models = sum(len(found.rows) for found in galleries)
+    models = sum(len(gallery.rows) for gallery in galleries)
     most = min(splat_view.MOST, SPLATS // max(1, models))
     pictures = sum(
-        (len(found.conditions) + len(backgrounds(found))) * min(views, len(found.views))
-        for found in galleries
+        (len(gallery.conditions) + len(backgrounds(gallery))) * min(views, len(gallery.views))
+        for gallery in galleries
     )
     pixels = PIXELS // max(1, pictures)
-    captures = [_capture(found, root, views, pixels, most) for found in galleries]
+    captures = [_capture(gallery, root, views, pixels, most) for gallery in galleries]
     captures = [capture for capture in captures if capture["views"] or capture["models"]]
-    shown, share = _figures(figures)
+    inlined, share = _figures(figures)
     ahead, _ = _figures(first)
     return environment.get_template("report.html.j2").render(
         title=title,
@@ -91,7 +91,7 @@ def render(
         first=ahead,
         budgets=[formats.html(table) for table in tables if table.slug == BUDGETS],
         runs=[formats.html(table) for table in tables if table.slug == RUNS],
-        figures=shown,
+        figures=inlined,
         shrunk="" if share == 1 else f"{share * 100:.0f} %",
         captures=captures,
         problems=problems,
@@ -123,14 +123,14 @@ def _figures(figures: Sequence[Saved]) -> tuple[list[dict[str, Any]], float]:
 
     Returns them and the share of their width that is left.
     """
-    shown, share = [_figure(figure, FIGURE_WIDTH) for figure in figures], 1.0
-    while (taken := sum(len(one["uri"]) for one in shown if one["pictorial"])) > PHOTO_FIGURES:
+    inlined, share = [_figure(figure, FIGURE_WIDTH) for figure in figures], 1.0
+    while (taken := sum(len(one["uri"]) for one in inlined if one["pictorial"])) > PHOTO_FIGURES:
         share *= (PHOTO_FIGURES / taken) ** (1 / BYTES_BY_WIDTH)
-        shown = [
+        inlined = [
             _figure(figure, round(FIGURE_WIDTH * share)) if figure.pictorial else one
-            for figure, one in zip(figures, shown, strict=True)
+            for figure, one in zip(figures, inlined, strict=True)
         ]
-    return shown, share
+    return inlined, share
 
 
 def _figure(figure: Saved, widest: int) -> dict[str, Any]:
@@ -159,47 +159,47 @@ def _jpeg(picture: Image.Image, quality: int) -> str:
     return "data:image/jpeg;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
 
 
-def backgrounds(found: Gallery) -> list[str]:
+def backgrounds(gallery: Gallery) -> list[str]:
     """Return the backgrounds of a capture's pictures, each once: each has a ground truth."""
-    return list(dict.fromkeys(found.rows[name]["background"] for name in found.conditions))
+    return list(dict.fromkeys(gallery.rows[name]["background"] for name in gallery.conditions))
 
 
 def _capture(
-    found: Gallery, root: Path | None, most_views: int, most_pixels: int, most_splats: int
+    gallery: Gallery, root: Path | None, most_views: int, most_pixels: int, most_splats: int
 ) -> dict[str, Any]:
     """Collect what the slider and the 3D view of one capture need."""
-    views = _evenly(found.views, most_views)
+    views = _evenly(gallery.views, most_views)
     lanes: dict[str, str] = {}
-    for background in backgrounds(found):
+    for background in backgrounds(gallery):
         lanes[f"truth-{background}"] = f"{background_name(background)} · ground truth"
-    for condition in found.conditions:
-        row = found.rows[condition]
+    for condition in gallery.conditions:
+        row = gallery.rows[condition]
         lanes[condition] = condition_name(row["background"], row["method"])
     pictures: dict[str, dict[str, str]] = {}
     size = [4, 3]
     for view in views:
         slides: dict[str, str] = {}
-        for condition in found.conditions:
-            truth = f"truth-{found.rows[condition]['background']}"
+        for condition in gallery.conditions:
+            truth = f"truth-{gallery.rows[condition]['background']}"
             if truth not in slides:
-                source = found.truths[found.rows[condition]["background"], view]
+                source = gallery.truths[gallery.rows[condition]["background"], view]
                 slides[truth], size = _slide(source, most_pixels)
-            slides[condition], size = _slide(found.renders[condition, view], most_pixels)
+            slides[condition], size = _slide(gallery.renders[condition, view], most_pixels)
         pictures[view] = slides
     return {
-        "id": found.capture,
-        "name": capture_name(found.capture),
+        "id": gallery.capture,
+        "name": capture_name(gallery.capture),
         "views": views,
-        "all_views": len(found.views),
+        "all_views": len(gallery.views),
         "lanes": [{"id": key, "name": name} for key, name in lanes.items()],
-        "start": _start(found),
+        "start": _start(gallery),
         "first": next(
-            (view for view in found.chosen() if view in views), views[0] if views else ""
+            (view for view in gallery.chosen() if view in views), views[0] if views else ""
         ),
         "pictures": pictures,
-        "scores": _scores(found, views),
+        "scores": _scores(gallery, views),
         "size": size,
-        "models": _models(found, root, most_splats),
+        "models": _models(gallery, root, most_splats),
     }
 
 
@@ -217,18 +217,18 @@ def _slide(path: Path, most_pixels: int) -> tuple[str, list[int]]:
     return _jpeg(picture, PICTURE_QUALITY), [picture.width, picture.height]
 
 
-def _start(found: Gallery) -> list[str]:
+def _start(gallery: Gallery) -> list[str]:
     """Return what the slider compares first: 3DGS and the last method, without background."""
-    without = [c for c in found.conditions if found.rows[c]["background"] == "nobg"]
-    conditions = without or found.conditions
+    without = [c for c in gallery.conditions if gallery.rows[c]["background"] == "nobg"]
+    conditions = without or gallery.conditions
     return [conditions[0], conditions[-1]] if conditions else []
 
 
-def _scores(found: Gallery, views: Sequence[str]) -> dict[str, dict[str, str]]:
+def _scores(gallery: Gallery, views: Sequence[str]) -> dict[str, dict[str, str]]:
     """Scores shown beside the slider, by condition and view."""
     out: dict[str, dict[str, str]] = {}
-    for condition in found.conditions:
-        scored = {v["view"]: v for v in found.rows[condition]["per_view"] if v["split"] == "test"}
+    for condition in gallery.conditions:
+        scored = {v["view"]: v for v in gallery.rows[condition]["per_view"] if v["split"] == "test"}
         for view in views:
             entry = scored.get(view, {})
             parts = [
@@ -240,15 +240,15 @@ def _scores(found: Gallery, views: Sequence[str]) -> dict[str, dict[str, str]]:
     return out
 
 
-def _models(found: Gallery, root: Path | None, most: int) -> list[dict[str, Any]]:
+def _models(gallery: Gallery, root: Path | None, most: int) -> list[dict[str, Any]]:
     models = []
-    for condition, row in found.rows.items():
+    for condition, row in gallery.rows.items():
         train, scene = artifact(row, "train", root), artifact(row, "scene", root)
         if train is None or not (train / "splats.ply").is_file():
-            found.missing.append((condition, "no splats for the 3D view"))
+            gallery.missing.append((condition, "no splats for the 3D view"))
             continue
         if scene is None or not (scene / "scene.json").is_file():
-            found.missing.append((condition, "no cameras for the 3D view"))
+            gallery.missing.append((condition, "no cameras for the 3D view"))
             continue
         name = condition_name(row["background"], row["method"])
         packed = splat_view.pack(train / "splats.ply", most)

@@ -43,19 +43,19 @@ def serve(splats: Path, scene: Scene | None, photos: Mapping[str, Path], port: i
     from mattgs_ops.splat.files.activated import activated
     from mattgs_ops.splat.files.ply import read_ply
 
-    found = activated(read_ply(splats))
-    found = found.take(np.flatnonzero(found.alpha >= LEAST_ALPHA))
-    if not len(found.means):
+    cloud = activated(read_ply(splats))
+    cloud = cloud.take(np.flatnonzero(cloud.alpha >= LEAST_ALPHA))
+    if not len(cloud.means):
         raise InputError(f"{splats}: expected at least one visible splat, found none")
-    turn = Rotation.from_quat(found.quaternions, scalar_first=True).as_matrix()
-    stretched = turn * np.exp(found.log_scales)[:, None, :]  # [N, 3, 3]: columns are the axes
+    turn = Rotation.from_quat(cloud.quaternions, scalar_first=True).as_matrix()
+    stretched = turn * np.exp(cloud.log_scales)[:, None, :]  # [N, 3, 3]: columns are the axes
     server = viser.ViserServer(host="127.0.0.1", port=port, verbose=False)
     server.scene.add_gaussian_splats(
         "/splats",
-        centers=found.means.astype(np.float32),
+        centers=cloud.means.astype(np.float32),
         covariances=(stretched @ stretched.transpose(0, 2, 1)).astype(np.float32),
-        rgbs=np.clip(found.colour, 0, 1).astype(np.float32),
-        opacities=found.alpha[:, None].astype(np.float32),
+        rgbs=np.clip(cloud.colour, 0, 1).astype(np.float32),
+        opacities=cloud.alpha[:, None].astype(np.float32),
     )
     if scene is not None:
         _add_cameras(server, scene, photos)

@@ -23,40 +23,40 @@ CAUSES = {
 
 def reasons(candidate: Row, baseline: Row) -> list[str]:
     """Return why the scores of two finished rows do not compare; an empty list lets them."""
-    found = [f"candidate: {text}" for text in row_problems(candidate)]
-    found += [f"baseline: {text}" for text in row_problems(baseline)]
-    if found:
-        return found
+    differences = [f"candidate: {text}" for text in row_problems(candidate)]
+    differences += [f"baseline: {text}" for text in row_problems(baseline)]
+    if differences:
+        return differences
     ours, theirs = candidate.get("provenance") or {}, baseline.get("provenance") or {}
     for name, candidate_value, baseline_value in (
         ("protocol", protocol_of(candidate), protocol_of(baseline)),
         ("configuration digest", ours.get("config_digest"), theirs.get("config_digest")),
     ):
         if candidate_value != baseline_value or candidate_value is None:
-            found.append(
+            differences.append(
                 f"{name}: baseline {_short(baseline_value)}, candidate {_short(candidate_value)}"
             )
-    found += _inputs(ours, theirs)
-    found += _views(candidate, baseline)
-    return found
+    differences += _inputs(ours, theirs)
+    differences += _views(candidate, baseline)
+    return differences
 
 
 def other_truth(candidate: Row, baseline: Row) -> list[str]:
     """Return what the scores of two rows are measured against and differs, with the stage."""
     ours, theirs = candidate.get("digests") or {}, baseline.get("digests") or {}
-    found = []
+    differences = []
     for name, called in DECISIVE.items():
         candidate_value, baseline_value = ours.get(name), theirs.get(name)
         if candidate_value is None or baseline_value is None:
             where = "candidate" if candidate_value is None else "baseline"
-            found.append(f"{called}: the {where} does not state its digest")
+            differences.append(f"{called}: the {where} does not state its digest")
         elif candidate_value != baseline_value:
             stages = CAUSES[name]
             changed = (s for s in stages if ours.get(s) != theirs.get(s))
             stage = next(changed, stages[-1])
             values = f"baseline {_short(baseline_value)}, candidate {_short(candidate_value)}"
-            found.append(f"{called} changed in the stage {stage}: {values}")
-    return found
+            differences.append(f"{called} changed in the stage {stage}: {values}")
+    return differences
 
 
 def protocol_of(row: Row) -> Any:
@@ -76,25 +76,25 @@ def _inputs(ours: Provenance, theirs: Provenance) -> list[str]:
 
 def _views(candidate: Row, baseline: Row) -> list[str]:
     """Compare the splits: the same views must be held out, and none of them trained on."""
-    found = []
+    differences = []
     held_out = names(candidate, "test")
     trained, all_of_them = trained_views(candidate)
     leaked = sorted(held_out & trained)
     if leaked:
-        found.append(f"held-out views were trained on: {_list(leaked)}")
+        differences.append(f"held-out views were trained on: {_list(leaked)}")
     lost = sorted(names(baseline, "test") - held_out)
     added = sorted(held_out - names(baseline, "test"))
     if lost:
-        found.append(f"held-out views are missing: {_list(lost)}")
+        differences.append(f"held-out views are missing: {_list(lost)}")
     if added:
-        found.append(f"other held-out views: {_list(added)}")
+        differences.append(f"other held-out views: {_list(added)}")
     before, all_before = trained_views(baseline)
     other = before ^ trained
     if all_of_them != all_before:  # a sample lies within all of them
         other = trained - before if all_before else before - trained
     if before and trained and other:
-        found.append(f"other training views: {_list(sorted(other))}")
-    return found
+        differences.append(f"other training views: {_list(sorted(other))}")
+    return differences
 
 
 def trained_views(row: Row) -> tuple[set[str], bool]:

@@ -12,12 +12,12 @@ from reports.rows.schema import Row, capture_name
 
 def warnings(rows: Sequence[Row]) -> list[str]:
     """Return all warnings of all rows as sentences, each once, with the capture's name."""
-    told: dict[str, None] = {}
+    sentences: dict[str, None] = {}
     for row in rows:
         for one in _of(row):
             note = " No verdict is given for it." if one["serious"] else ""
-            told[f"{capture_name(row['capture'])}: {one['text']}.{note}"] = None
-    return list(told)
+            sentences[f"{capture_name(row['capture'])}: {one['text']}.{note}"] = None
+    return list(sentences)
 
 
 def in_doubt(rows: Sequence[Row]) -> dict[str, list[str]]:
@@ -31,5 +31,5 @@ def in_doubt(rows: Sequence[Row]) -> dict[str, list[str]]:
 
 
 def _of(row: Row) -> Sequence[Mapping[str, Any]]:
-    found: Sequence[Mapping[str, Any]] = row.get("warnings") or ()
-    return found
+    warnings_of_row: Sequence[Mapping[str, Any]] = row.get("warnings") or ()
+    return warnings_of_row

@@ -24,12 +24,14 @@ def merge(parts: Sequence[Part]) -> list[Row]:
     for what, value_of in (("benchmark", _benchmark), ("protocol", protocol_of)):
         _one_for_all(what, [(name, value_of(row)) for name, row in owned])
     _same_photos(owned)
-    found: dict[Identity, tuple[str, Row]] = {}
+    merged: dict[Identity, tuple[str, Row]] = {}
     for name, row in owned:
         identity = (key_of(row), int(row["seed"]))
-        known = found.get(identity)
-        found[identity] = (name, row) if known is None else _joined(identity, known, (name, row))
-    return [row for _, row in found.values()]
+        earlier = merged.get(identity)
+        merged[identity] = (
+            (name, row) if earlier is None else _joined(identity, earlier, (name, row))
+        )
+    return [row for _, row in merged.values()]
 
 
 def _usable(name: str, rows: Sequence[Row]) -> list[Row]:
@@ -55,30 +57,32 @@ def _one_for_all(what: str, values: Sequence[tuple[str, Any]]) -> None:
 
 
 def _same_photos(owned: Sequence[tuple[str, Row]]) -> None:
-    seen: dict[str, tuple[str, Any]] = {}
+    digests: dict[str, tuple[str, Any]] = {}
     for name, row in owned:
         digest = ((row.get("provenance") or {}).get("inputs") or {}).get("capture")
         if digest is None:
             continue
-        other, known = seen.setdefault(row["capture"], (name, digest))
-        if known != digest:
+        other, earlier = digests.setdefault(row["capture"], (name, digest))
+        if earlier != digest:
             raise InputError(
                 f"{name}: capture {row['capture']!r} has other photos than in {other} "
-                f"({str(digest)[:12]}, there {str(known)[:12]})"
+                f"({str(digest)[:12]}, there {str(earlier)[:12]})"
             )
 
 
-def _joined(identity: Identity, known: tuple[str, Row], other: tuple[str, Row]) -> tuple[str, Row]:
+def _joined(
+    identity: Identity, earlier: tuple[str, Row], other: tuple[str, Row]
+) -> tuple[str, Row]:
     """Return the one of two rows of one experiment that counts."""
     where = f"{identity[0]}, seed {identity[1]}"
-    (first, one), (second, two) = known, other
+    (first, one), (second, two) = earlier, other
     mine, its = _config(one), _config(two)
     if mine != its and mine is not None and its is not None:
         raise InputError(
             f"{where}: other configurations in {first} ({mine[:12]}) and in {second} ({its[:12]})"
         )
     if two["status"] != "finished":
-        return known if one["status"] == "finished" else other
+        return earlier if one["status"] == "finished" else other
     if one["status"] != "finished":
         return other
     differs = _difference(one, two)
@@ -87,12 +91,12 @@ def _joined(identity: Identity, known: tuple[str, Row], other: tuple[str, Row]) 
             f"{where}: {first} and {second} do not agree on {differs}; it was run twice: leave one "
             "of the two rows out"
         )
-    return known
+    return earlier
 
 
 def _config(row: Mapping[str, Any]) -> str | None:
-    found = (row.get("provenance") or {}).get("config_digest")
-    return None if found is None else str(found)
+    digest = (row.get("provenance") or {}).get("config_digest")
+    return None if digest is None else str(digest)
 
 
 def _difference(one: Row, two: Row) -> str:

@@ -103,83 +103,83 @@ def read_rows(path: Path) -> list[Row]:
 
 def problems(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     """Return everything that is wrong with the rows, one sentence each; an empty list is good."""
-    found: list[str] = []
-    seen: set[tuple[CellKey, int]] = set()
+    sentences: list[str] = []
+    identities: set[tuple[CellKey, int]] = set()
     for index, row in enumerate(rows):
         own = row_problems(row)
-        found += [f"row {index} ({_where(row)}): {text}" for text in own]
+        sentences += [f"row {index} ({_where(row)}): {text}" for text in own]
         if not own:
             identity = (key_of(row), int(row["seed"]))
-            if identity in seen:
-                found.append(f"row {index} ({_where(row)}): seed {row['seed']} appears twice")
-            seen.add(identity)
-    return found
+            if identity in identities:
+                sentences.append(f"row {index} ({_where(row)}): seed {row['seed']} appears twice")
+            identities.add(identity)
+    return sentences
 
 
 def row_problems(row: Mapping[str, Any]) -> list[str]:
     """Return what is wrong with one row."""
-    found = []
+    sentences = []
     failed = row.get("status") == "failed"
     for field, types in FIELDS.items():
         if field not in row:
             if not (failed and field in MAY_LACK):
-                found.append(f"`{field}` is missing")
+                sentences.append(f"`{field}` is missing")
         elif failed and field in MAY_LACK and row[field] is None:
             continue
         elif not isinstance(row[field], types) or isinstance(row[field], bool):
             expected = " or ".join(t.__name__ for t in types)
-            found.append(f"`{field}`: expected {expected}, found {row[field]!r}")
-    if found:
-        return found
-    found += _value_problems(row) + names_and_paths(row)
+            sentences.append(f"`{field}`: expected {expected}, found {row[field]!r}")
+    if sentences:
+        return sentences
+    sentences += _value_problems(row) + names_and_paths(row)
     if not failed:
-        found += _metric_problems(row["metrics"]) + _view_problems(row["per_view"])
-    return found
+        sentences += _metric_problems(row["metrics"]) + _view_problems(row["per_view"])
+    return sentences
 
 
 def _value_problems(row: Mapping[str, Any]) -> list[str]:
-    found = []
+    sentences = []
     if row["schema"] != SCHEMA:
-        found.append(f"`schema`: expected {SCHEMA}, found {row['schema']}")
+        sentences.append(f"`schema`: expected {SCHEMA}, found {row['schema']}")
     if row["background"] not in BACKGROUNDS:
-        found.append(f"`background`: expected original or nobg, found {row['background']!r}")
+        sentences.append(f"`background`: expected original or nobg, found {row['background']!r}")
     expected = f"{row['background']}-{row['method']}"
     if row["condition"] != expected:
-        found.append(f"`condition`: expected {expected!r}, found {row['condition']!r}")
+        sentences.append(f"`condition`: expected {expected!r}, found {row['condition']!r}")
     if row["status"] not in ("finished", "failed"):
-        found.append(f"`status`: expected finished or failed, found {row['status']!r}")
+        sentences.append(f"`status`: expected finished or failed, found {row['status']!r}")
     trained_on = row.get("trained_on", [])  # rows of earlier versions have none
     if not isinstance(trained_on, list) or not all(isinstance(one, str) for one in trained_on):
-        found.append(f"`trained_on`: expected a list of names, found {trained_on!r}")
+        sentences.append(f"`trained_on`: expected a list of names, found {trained_on!r}")
     if row["status"] == "failed" and not row.get("reason"):
-        found.append("`reason`: expected the reason of the failure, found none")
-    return found
+        sentences.append("`reason`: expected the reason of the failure, found none")
+    return sentences
 
 
 def _metric_problems(metrics: Mapping[str, Any]) -> list[str]:
-    found = [f"`metrics.{name}` is missing" for name in REQUIRED_METRICS if name not in metrics]
+    sentences = [f"`metrics.{name}` is missing" for name in REQUIRED_METRICS if name not in metrics]
     for name, value in metrics.items():
         if value is None and name not in REQUIRED_METRICS:
             continue
         if not isinstance(value, int | float) or isinstance(value, bool):
-            found.append(f"`metrics.{name}`: expected a number, found {value!r}")
+            sentences.append(f"`metrics.{name}`: expected a number, found {value!r}")
         elif not math.isfinite(value):
-            found.append(f"`metrics.{name}`: expected a finite number, found {value}")
-    return found
+            sentences.append(f"`metrics.{name}`: expected a finite number, found {value}")
+    return sentences
 
 
 def _view_problems(views: Sequence[Any]) -> list[str]:
-    found = []
-    seen = set()
+    sentences = []
+    identities = set()
     for index, view in enumerate(views):
         if not isinstance(view, dict) or not {"view", "split"} <= view.keys():
-            found.append(f"`per_view[{index}]`: expected `view` and `split`, found {view!r}")
+            sentences.append(f"`per_view[{index}]`: expected `view` and `split`, found {view!r}")
             continue
         identity = (view["view"], view["split"])
-        if identity in seen:
-            found.append(f"`per_view[{index}]`: {view['view']} ({view['split']}) appears twice")
-        seen.add(identity)
-    return found
+        if identity in identities:
+            sentences.append(f"`per_view[{index}]`: {view['view']} ({view['split']}) appears twice")
+        identities.add(identity)
+    return sentences
 
 
 def _where(row: Mapping[str, Any]) -> str:
@@ -244,8 +244,8 @@ def order(key: CellKey) -> tuple[Any, ...]:
     )
 
 
-def _place(name: str, known: Sequence[str]) -> tuple[int, str]:
-    return (known.index(name), "") if name in known else (len(known), name)
+def _place(name: str, ordered: Sequence[str]) -> tuple[int, str]:
+    return (ordered.index(name), "") if name in ordered else (len(ordered), name)
 
 
 def captures(rows: Iterable[Row]) -> list[str]:

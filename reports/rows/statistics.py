@@ -63,10 +63,10 @@ def by_view(
     candidate: Mapping[tuple[str, int], float], baseline: Mapping[tuple[str, int], float]
 ) -> dict[str, float]:
     """Return ``candidate - baseline`` by view, the mean over the seeds that both have."""
-    found: dict[str, list[float]] = {}
+    changes: dict[str, list[float]] = {}
     for view, seed in sorted(candidate.keys() & baseline.keys()):
-        found.setdefault(view, []).append(candidate[view, seed] - baseline[view, seed])
-    return {view: float(np.mean(values)) for view, values in found.items()}
+        changes.setdefault(view, []).append(candidate[view, seed] - baseline[view, seed])
+    return {view: float(np.mean(values)) for view, values in changes.items()}
 
 
 def outliers(values: Mapping[str, float]) -> list[str]:

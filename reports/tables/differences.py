@@ -75,12 +75,12 @@ def difference_tables(rows: Sequence[Row]) -> list[Table]:
     selected = [cell for cell in cells(rows) if cell.finished]
     methods = {cell.key.method for cell in selected}
     bases = [BASE, CONTROL, *([BEST] if methods - set(METHOD_ORDER) else [])]
-    found = [_against(base, selected) for base in bases if base in methods and len(methods) > 1]
-    return [table for table in found if table is not None]
+    tables = [_against(base, selected) for base in bases if base in methods and len(methods) > 1]
+    return [table for table in tables if table is not None]
 
 
 def _against(base: str, selected: Sequence[Cell]) -> Table | None:
-    shown = _shown(selected)
+    metrics = _shown(selected)
     groups: list[Group] = []
     by_method: dict[str, dict[tuple[str, str], Numbers]] = {}
     places = dict.fromkeys((cell.key.capture, cell.key.background) for cell in selected)
@@ -93,7 +93,7 @@ def _against(base: str, selected: Sequence[Cell]) -> Table | None:
         for cell in here:
             if cell is reference or (base == CONTROL and cell.key.method == BASE):
                 continue
-            numbers = _numbers(cell, reference, shown)
+            numbers = _numbers(cell, reference, metrics)
             by_method.setdefault(cell.key.method, {})[capture, background] = numbers
             runs = tuple(str(row["run_id"]) for row in cell.rows if row.get("run_id"))
             lines.append(Line(method_name(cell.key.method), _entries(numbers), runs))
@@ -104,10 +104,12 @@ def _against(base: str, selected: Sequence[Cell]) -> Table | None:
         return None
     second = parts_known([row for cell in selected for row in cell.finished])
     groups += _over_captures(by_method) if second else _over_pairs(by_method)
-    heads = tuple(QUALITY[metric][0] for metric in shown) + tuple(COST.values())
+    heads = tuple(QUALITY[metric][0] for metric in metrics) + tuple(COST.values())
     slug = SLUGS.get(base, "table-differences-best")
     notes = (PAIRED, OVER_CAPTURES if second else OVERALL)
-    return Table(slug, f"Against {method_name(base)}", heads, (*shown, *COST), tuple(groups), notes)
+    return Table(
+        slug, f"Against {method_name(base)}", heads, (*metrics, *COST), tuple(groups), notes
+    )
 
 
 def _shown(selected: Sequence[Cell]) -> tuple[str, ...]:
@@ -117,8 +119,8 @@ def _shown(selected: Sequence[Cell]) -> tuple[str, ...]:
     return tuple(metric for metric in QUALITY if metric not in left_out)
 
 
-def _numbers(cell: Cell, base: Cell, shown: Sequence[str]) -> Numbers:
-    quality = {metric: _difference(cell, base, metric) for metric in shown}
+def _numbers(cell: Cell, base: Cell, metrics: Sequence[str]) -> Numbers:
+    quality = {metric: _difference(cell, base, metric) for metric in metrics}
     return quality | {metric: ratio(cell, base, metric) for metric in COST}
 
 
@@ -136,9 +138,9 @@ def _difference(cell: Cell, base: Cell, metric: str) -> Difference | None:
 def _over_pairs(by_method: Mapping[str, Mapping[tuple[str, str], Numbers]]) -> list[Group]:
     """Return the means over pairs of capture and background, as protocol 1 had them."""
     lines = [
-        Line(method_name(method), _entries(_mean(list(found.values()))))
-        for method, found in by_method.items()
-        if len(found) > 1
+        Line(method_name(method), _entries(_mean(list(pairs.values()))))
+        for method, pairs in by_method.items()
+        if len(pairs) > 1
     ]
     return [Group("Mean over all", tuple(lines))] if lines else []
 
@@ -148,9 +150,9 @@ def _over_captures(by_method: Mapping[str, Mapping[tuple[str, str], Numbers]]) -
     groups = []
     for background in (*BACKGROUNDS, None):
         lines = []
-        for method, found in by_method.items():
+        for method, pairs in by_method.items():
             own: dict[str, list[Numbers]] = {}
-            for (capture, where), numbers in found.items():
+            for (capture, where), numbers in pairs.items():
                 if background in (where, None):
                     own.setdefault(capture, []).append(numbers)
             both = any(len(numbers) > 1 for numbers in own.values())
@@ -163,12 +165,12 @@ def _over_captures(by_method: Mapping[str, Mapping[tuple[str, str], Numbers]]) -
     return groups
 
 
-def _mean(found: Sequence[Numbers]) -> Numbers:
+def _mean(numbers: Sequence[Numbers]) -> Numbers:
     """Return the mean of several: of differences with an interval, of ratios geometrically."""
     means: dict[str, Number] = {}
-    for metric in found[0]:
-        known = [value for one in found if (value := one[metric]) is not None]
-        values = [v.interval.mean if isinstance(v, Difference) else v for v in known]
+    for metric in numbers[0]:
+        measured = [value for one in numbers if (value := one[metric]) is not None]
+        values = [v.interval.mean if isinstance(v, Difference) else v for v in measured]
         if not values:
             means[metric] = None
         elif metric in QUALITY:
@@ -190,12 +192,12 @@ def _entries(numbers: Numbers) -> tuple[Entry, ...]:
     return tuple(out)
 
 
-def _difference_entry(found: Difference, decimals: int) -> Entry:
-    interval = found.interval
+def _difference_entry(difference: Difference, decimals: int) -> Entry:
+    interval = difference.interval
     finite = np.isfinite(interval.half)
     spread = f"{interval.half:.{decimals}f}" if finite else ""
-    if found.median is not None:
-        spread += f" (median {_signed(found.median, decimals)})"
+    if difference.median is not None:
+        spread += f" (median {_signed(difference.median, decimals)})"
     certain = finite and interval.excludes_zero()
     return Entry(_signed(interval.mean, decimals), spread, bool(certain), interval.mean)
 

@@ -107,9 +107,9 @@ def _plain_rows(table: Table, *, inline: bool) -> list[list[str]]:
     for group in table.groups:
         for index, line in enumerate(group.lines):
             runs = [" ".join(run[:SHORT_ID] for run in line.runs) or "–"] if table.with_runs else []
-            shown = [(e.full.replace(" ± ", "±") if inline else e.text) for e in line.entries]
+            texts = [(e.full.replace(" ± ", "±") if inline else e.text) for e in line.entries]
             marked = [
-                t + ("*" if e.best else " ") for t, e in zip(shown, line.entries, strict=True)
+                t + ("*" if e.best else " ") for t, e in zip(texts, line.entries, strict=True)
             ]
             rows.append([group.label if index == 0 else "", line.name, *marked, *runs])
             if not inline and any(e.spread for e in line.entries):

@@ -78,18 +78,18 @@ def protocol_notes(selected: Sequence[Cell]) -> list[str]:
 
 def trainer_notes(rows: Sequence[Row]) -> list[str]:
     """Say which lines are other programs', and what their times are of."""
-    found: dict[str, set[str]] = {}
+    versions_by_trainer: dict[str, set[str]] = {}
     for row in rows:
         trainer = (row.get("provenance") or {}).get("trainer")
         if trainer is not None:
-            versions = found.setdefault(method_name(row["method"]), set())
+            versions = versions_by_trainer.setdefault(method_name(row["method"]), set())
             versions.add(str(trainer["identity"]["version"]))
-    if not found:
+    if not versions_by_trainer:
         return []
     named = []
-    for name, versions in sorted(found.items()):
-        known = ", ".join(sorted(versions - {""}))
-        named.append(f"{name} ({known})" if known else name)
+    for name, versions in sorted(versions_by_trainer.items()):
+        listed_versions = ", ".join(sorted(versions - {""}))
+        named.append(f"{name} ({listed_versions})" if listed_versions else name)
     who = f"Other programs: {', '.join(named)}."
     times = (
         "Their times are of the whole process, which reads the photos, trains and writes; those of "
@@ -140,14 +140,14 @@ def parts_known(rows: Sequence[Row]) -> bool:
 
 def _uneven(selected: Sequence[Cell], seeds: Sequence[int]) -> list[str]:
     """Name the lines that lack seeds which others have, and not because those failed."""
-    found = []
+    sentences = []
     for cell in selected:
         own = [int(row["seed"]) for row in cell.rows]
         if cell.finished and set(seeds) - set(own):
             finished = _listed(int(row["seed"]) for row in cell.finished)
             few = "seed" if len(cell.finished) == 1 else "seeds"
-            found.append(f"{condition_of(cell)}: {few} {finished} only.")
-    return found
+            sentences.append(f"{condition_of(cell)}: {few} {finished} only.")
+    return sentences
 
 
 def where_timed(members: Sequence[Cell], machine: Origin) -> str:

@@ -22,11 +22,11 @@ SHARED = ("registered", "points", "object_points", "reprojection_error")
 
 def origins(rows: Sequence[Row]) -> dict[Origin, list[Row]]:
     """Group finished rows by origin, in the order of the tables."""
-    found: dict[Origin, list[Row]] = {}
+    by_origin: dict[Origin, list[Row]] = {}
     for cell in cells(rows):
         for row in cell.finished:
-            found.setdefault(origin_of(row), []).append(row)
-    return found
+            by_origin.setdefault(origin_of(row), []).append(row)
+    return by_origin
 
 
 def origin_of(row: Row) -> Origin:
@@ -102,12 +102,12 @@ def notes(rows: Sequence[Row]) -> list[str]:
 
 def origins_table(rows: Sequence[Row]) -> Table | None:
     """List the origins and how many experiments came from each; None where there is but one."""
-    found = origins(rows)
-    if len(found) < 2:
+    by_origin = origins(rows)
+    if len(by_origin) < 2:
         return None
     differing = _differing(rows)
     groups = []
-    for number, selected in enumerate(found.values(), start=1):
+    for number, selected in enumerate(by_origin.values(), start=1):
         origin = _provenance(selected[0])
         versions = origin.get("versions") or {}
         commits = dict.fromkeys(
@@ -135,9 +135,11 @@ def origins_table(rows: Sequence[Row]) -> Table | None:
 
 def _differing(rows: Sequence[Row]) -> list[str]:
     """Return the libraries that finished rows have in several versions."""
-    found = [_provenance(row).get("versions") or {} for row in rows if row["status"] == "finished"]
-    names = sorted({name for versions in found for name in versions})
-    return [name for name in names if len({versions.get(name) for versions in found}) > 1]
+    recorded = [
+        _provenance(row).get("versions") or {} for row in rows if row["status"] == "finished"
+    ]
+    names = sorted({name for versions in recorded for name in versions})
+    return [name for name in names if len({versions.get(name) for versions in recorded}) > 1]
 
 
 def _counted(count: int, one: str, many: str) -> str:

@@ -45,8 +45,8 @@ def ratio_of(mine: Sequence[Row], other: Sequence[Row], metric: str) -> float | 
 
 
 def _on_one_machine(mine: Sequence[Row], other: Sequence[Row]) -> tuple[list[Row], list[Row]]:
-    known = {int(row["seed"]): row for row in other}
-    pairs = [(row, known[int(row["seed"])]) for row in mine if int(row["seed"]) in known]
+    by_seed = {int(row["seed"]): row for row in other}
+    pairs = [(row, by_seed[int(row["seed"])]) for row in mine if int(row["seed"]) in by_seed]
     pairs = [(one, two) for one, two in pairs if machine_of(one) == machine_of(two)]
     return [one for one, _ in pairs], [two for _, two in pairs]
 
@@ -88,11 +88,11 @@ def compare(selected: Sequence[Cell], background: str, against: str = BASE) -> l
         small = statistics.paired(
             view_scores(cell, "detail_psnr"), view_scores(base, "detail_psnr")
         )
-        found = Comparison(
+        comparison = Comparison(
             background, cell.key.method, metric, interval, size, time, small, against
         )
         by_view = statistics.by_view(ours, theirs)
         if parts_known(cell.finished) and statistics.outliers(by_view):
-            found = replace(found, median=median(by_view.values()))
-        out.append(found)
+            comparison = replace(comparison, median=median(by_view.values()))
+        out.append(comparison)
     return out

@@ -59,8 +59,8 @@ def load(path: Path = FILE) -> PaperValues:
         missing = [name for name in _IDENTITY if name not in entry]
         if unknown or missing:
             expected = f"{', '.join(_IDENTITY)} and some of {', '.join(REQUIRED_METRICS)}"
-            found = f"unknown {unknown}" if unknown else f"no {', '.join(missing)}"
-            raise InputError(f"{where}: expected {expected}; found {found}")
+            problem = f"unknown {unknown}" if unknown else f"no {', '.join(missing)}"
+            raise InputError(f"{where}: expected {expected}; found {problem}")
         if key in values:
             raise InputError(f"{where}: expected it once, found it twice")
         values[key] = {k: _number(v, f"{where}, `{k}`") for k, v in _numbers(entry).items()}

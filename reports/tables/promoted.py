@@ -26,14 +26,14 @@ def mark(rows: Sequence[Row], baselines: Sequence[Row]) -> list[Row]:
 
 def promoted_table(rows: Sequence[Row], baselines: Sequence[Row]) -> Table | None:
     """Differences between cells and their baselines; None when there is nothing to compare."""
-    known: dict[CellKey, list[Row]] = {}
+    promoted: dict[CellKey, list[Row]] = {}
     for row in refused(baselines):
-        known.setdefault(key_of(row), []).append(row)
-    selected = [cell for cell in cells(rows) if cell.finished and cell.key in known]
+        promoted.setdefault(key_of(row), []).append(row)
+    selected = [cell for cell in cells(rows) if cell.finished and cell.key in promoted]
     if not selected:
         return None
     groups = [
-        Group(label, tuple(_line(cell, known[cell.key]) for cell in members))
+        Group(label, tuple(_line(cell, promoted[cell.key]) for cell in members))
         for label, members in by_capture(selected)
     ]
     heads = (*(f"{label} Δ" for _, label, _ in QUALITY), *(label for _, label in RATIOS))
@@ -70,13 +70,13 @@ def _line(cell: Cell, theirs: Sequence[Row]) -> Line:
 
 
 def _quality(ours: Sequence[Row], theirs: Sequence[Row], metric: str, kind: str) -> Entry:
-    found = statistics.paired(_views(ours, metric), _views(theirs, metric))
-    if found is None:
+    interval = statistics.paired(_views(ours, metric), _views(theirs, metric))
+    if interval is None:
         return HOLE
-    text = columns.text(kind, abs(found.mean))
-    sign = "−" if found.mean < 0 else "+"
-    spread = columns.text(kind, found.half) if found.samples > 1 else ""
-    return Entry(f"{sign}{text}", spread, value=found.mean)
+    text = columns.text(kind, abs(interval.mean))
+    sign = "−" if interval.mean < 0 else "+"
+    spread = columns.text(kind, interval.half) if interval.samples > 1 else ""
+    return Entry(f"{sign}{text}", spread, value=interval.mean)
 
 
 def _views(rows: Sequence[Row], metric: str) -> Mapping[tuple[str, int], float]:

@@ -112,7 +112,7 @@ def _gap_entry(found: Sequence[budgets.Gap], heading: str) -> Entry:
 
 def quality_table(rows: Sequence[Row]) -> Table | None:
     """Show what the methods were given: registered views, sparse points, mask quality."""
-    shown = (
+    rows_of_table = (
         Column("registered", "Registered", +1, "text"),
         Column("missing", "Test views missing", -1, "text"),
         Column("keypoints", "Key points", 0, "text"),
@@ -146,8 +146,8 @@ def quality_table(rows: Sequence[Row]) -> Table | None:
         ),
         *_incidents(rows),
     )
-    heads = tuple(column.heading for column in shown)
-    keys = tuple(column.key for column in shown)
+    heads = tuple(column.heading for column in rows_of_table)
+    keys = tuple(column.key for column in rows_of_table)
     title = "Registration and masks"
     return Table("table-inputs", title, heads, keys, tuple(groups), notes, "Background", False)
 
@@ -178,12 +178,12 @@ def _count(number: object) -> Entry:
 def _quality_entries(row: Row) -> tuple[Entry, ...]:
     registration = row.get("registration") or {}
     masks = row.get("masks") or {}
-    found, total = registration.get("registered"), registration.get("views")
+    registered, total = registration.get("registered"), registration.get("views")
     iou, keypoints = masks.get("mean_iou"), registration.get("keypoints") or {}
     matches = registration.get("matches") or {}
     missing = registration.get("missing") or []
     return (
-        HOLE if found is None else Entry(f"{found} of {total}", value=found),
+        HOLE if registered is None else Entry(f"{registered} of {total}", value=registered),
         Entry(str(len(missing)), value=len(missing)),
         _count(keypoints.get("original")),
         _count(keypoints.get("masked")),
@@ -202,7 +202,9 @@ def cost_table(rows: Sequence[Row]) -> Table | None:
     if not selected:
         return None
     taken = {stage for row in finished_of(selected) for stage in row.get("seconds") or {}}
-    shown = [Column(name, label, 0, "time") for name, label in STAGES.items() if name in taken]
+    stage_columns = [
+        Column(name, label, 0, "time") for name, label in STAGES.items() if name in taken
+    ]
     holes: list[str] = []
 
     def values_of(row: Row, key: str) -> Any:
@@ -210,7 +212,7 @@ def cost_table(rows: Sequence[Row]) -> Table | None:
 
     groups = []
     for label, members in by_capture(selected):
-        lines = lines_of(members, shown, holes, condition_of, values_of)
+        lines = lines_of(members, stage_columns, holes, condition_of, values_of)
         groups.append(Group(label, tuple(lines)))
     threads = sorted({str((_provenance(row)).get("threads", "?")) for row in finished_of(selected)})
     done = finished_of(selected)
@@ -224,7 +226,7 @@ def cost_table(rows: Sequence[Row]) -> Table | None:
             "with each of them."
         ),
     ]
-    return make_table("table-cost", "Cost per stage", shown, groups, notes, "Condition")
+    return make_table("table-cost", "Cost per stage", stage_columns, groups, notes, "Condition")
 
 
 def runs_table(rows: Sequence[Row]) -> Table | None:

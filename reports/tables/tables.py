@@ -175,16 +175,16 @@ def _conditions_table(
 ) -> Table | None:
     """One line per condition, grouped by capture; only the columns that some row has."""
     selected = cells(rows)
-    known = {name for cell in selected for row in cell.finished for name in row["metrics"]}
-    shown = [column for column in wanted if column.key in known]
-    if not shown:
+    measured = {name for cell in selected for row in cell.finished for name in row["metrics"]}
+    printed = [column for column in wanted if column.key in measured]
+    if not printed:
         return None
     holes: list[str] = []
     groups = [
-        Group(label, tuple(lines_of(members, shown, holes, condition_of)))
+        Group(label, tuple(lines_of(members, printed, holes, condition_of)))
         for label, members in (grouped or by_capture)(selected)
     ]
-    return make_table(name, title, shown, groups, [*holes, *notes], "Condition")
+    return make_table(name, title, printed, groups, [*holes, *notes], "Condition")
 
 
 def _metric(row: Row, key: str) -> Any:
@@ -193,22 +193,22 @@ def _metric(row: Row, key: str) -> Any:
 
 def lines_of(
     members: Sequence[Cell],
-    shown: Sequence[Column],
+    printed: Sequence[Column],
     holes: list[str],
     label: Callable[[Cell], str],
     value_of: Callable[[Row, str], Any] = _metric,
 ) -> list[Line]:
     """Build the lines of one group, mark the best entries, and add to the notes on holes."""
     machine = shared_machine(members)
-    raw = [[_entry(cell, column, value_of, machine) for column in shown] for cell in members]
+    raw = [[_entry(cell, column, value_of, machine) for column in printed] for cell in members]
     mixed = len({machine_of(row) for row in finished_of(members)}) > 1
-    if mixed and machine and any(column.kind in SPEEDS for column in shown):
+    if mixed and machine and any(column.kind in SPEEDS for column in printed):
         _add_once(holes, where_timed(members, machine))
     best = [
         set()
         if mixed and not machine and column.kind in SPEEDS
         else _best([entries[i] for entries in raw], column)
-        for i, column in enumerate(shown)
+        for i, column in enumerate(printed)
     ]
     lines = []
     for place, (cell, entries) in enumerate(zip(members, raw, strict=True)):
@@ -229,8 +229,8 @@ def _entry(
     chosen = cell.finished
     if machine is not None and column.kind in SPEEDS:
         chosen = measured_on(machine, chosen)
-    found = [value_of(row, column.key) for row in chosen]
-    values = [float(v) for v in found if v is not None and math.isfinite(v)]
+    values = [value_of(row, column.key) for row in chosen]
+    values = [float(v) for v in values if v is not None and math.isfinite(v)]
     if not values:
         return HOLE
     mean = fmean(values)
@@ -274,13 +274,13 @@ def _mark_notes(groups: Sequence[Group]) -> list[str]:
 def make_table(
     name: str,
     title: str,
-    shown: Sequence[Column],
+    printed: Sequence[Column],
     groups: Sequence[Group],
     notes: Sequence[str],
     first: str = "Method",
 ) -> Table:
     """Make a table whose headings and keys are those of its columns."""
-    heads = tuple(column.heading for column in shown)
-    keys = tuple(column.key for column in shown)
+    heads = tuple(column.heading for column in printed)
+    keys = tuple(column.key for column in printed)
     sentences = (*notes, *_mark_notes(groups))
     return Table(name, title, heads, keys, tuple(groups), sentences, first)

@@ -50,18 +50,18 @@ def overall(rows: Sequence[Row]) -> Verdict | None:
     doubted = in_doubt(rows)
     rows = [row for row in rows if row["capture"] not in doubted]
     selected = cells(rows)
-    found: dict[tuple[str, str, str], list[Comparison]] = {}
+    by_method: dict[tuple[str, str, str], list[Comparison]] = {}
     for name in captures(rows):
         members = [cell for cell in selected if cell.key.capture == name]
         for background in PREFERRED:
             for base in (BASE, CONTROL):
                 for one in compare(members, background, base):
-                    found.setdefault((background, one.method, base), []).append(one)
+                    by_method.setdefault((background, one.method, base), []).append(one)
     second = parts_known([row for cell in selected for row in cell.finished])
     sentences = [
         _over_all(background, method, compared, second)
         for background in PREFERRED
-        for (place, method, base), compared in found.items()
+        for (place, method, base), compared in by_method.items()
         if place == background and len(compared) > 1
     ]
     if not sentences:
@@ -70,23 +70,26 @@ def overall(rows: Sequence[Row]) -> Verdict | None:
 
 
 def _over_all(
-    background: str, method: str, found: Sequence[Comparison], over_captures: bool
+    background: str, method: str, comparisons: Sequence[Comparison], over_captures: bool
 ) -> str:
     """Count captures by what a method does there, with the means of its differences.
 
     ``over_captures``: the mean has an interval, whose samples are the captures.
     """
-    sure = [c.quality for c in found if c.quality is not None and c.quality.excludes_zero()]
+    sure = [c.quality for c in comparisons if c.quality is not None and c.quality.excludes_zero()]
     gains = sum(quality.mean > 0 for quality in sure)
-    counts = _counts(found[0].base, gains, len(sure) - gains, len(found) - len(sure))
-    means = [c.quality.mean for c in found if c.quality is not None]
-    where = "inside the mask" if found[0].metric == "mask_psnr" else "over the full frame"
+    counts = _counts(comparisons[0].base, gains, len(sure) - gains, len(comparisons) - len(sure))
+    means = [c.quality.mean for c in comparisons if c.quality is not None]
+    where = "inside the mask" if comparisons[0].metric == "mask_psnr" else "over the full frame"
     interval = statistics.sample(means) if over_captures and len(means) > 1 else None
     spread = "" if interval is None else f" ± {interval.half:.2f}"
     parts = [f"{signed(fmean(means))}{spread} dB {where}"] if means else []
-    for name, ratios in (("size", [c.size for c in found]), ("time", [c.time for c in found])):
-        known = [ratio for ratio in ratios if ratio]
-        parts += [f"{name} × {geometric_mean(known):.2f}"] if known else []
+    for name, ratios in (
+        ("size", [c.size for c in comparisons]),
+        ("time", [c.time for c in comparisons]),
+    ):
+        positive = [ratio for ratio in ratios if ratio]
+        parts += [f"{name} × {geometric_mean(positive):.2f}"] if positive else []
     text = f"{OVER_ALL[background]}, {method_name(method)} {_and(counts)}"
     return f"{text}; on average {', '.join(parts)}." if parts else f"{text}."
 
@@ -115,14 +118,14 @@ def verdicts(rows: Sequence[Row]) -> list[Verdict]:
     """Return one verdict per capture, in the order of the tables."""
     rows = refused(rows)
     selected, doubted = cells(rows), in_doubt(rows)
-    found = [
+    by_capture = [
         _of_capture(name, [c for c in selected if c.key.capture == name]) for name in captures(rows)
     ]
     return [
         Verdict(one.capture, _doubted(one.capture, doubted[one.capture]), ())
         if one.capture in doubted
         else one
-        for one in found
+        for one in by_capture
     ]
 
 
@@ -133,28 +136,30 @@ def _doubted(name: str, subjects: Sequence[str]) -> str:
 def _of_capture(name: str, selected: Sequence[Cell]) -> Verdict:
     label = capture_name(name)
     failed = [cell for cell in selected if not cell.finished]
-    found = [c for background in PREFERRED for c in compare(selected, background)]
+    comparisons = [c for background in PREFERRED for c in compare(selected, background)]
     controls = [c for background in PREFERRED for c in compare(selected, background, CONTROL)]
-    details = [_detail(c) for c in (*found, *controls)]
+    details = [_detail(c) for c in (*comparisons, *controls)]
     saved = _background_saving(selected)
     details += [saved] if saved else []
     if failed:
         names = ", ".join(cell.key.condition for cell in failed)
         details.append(f"Failed: {names}; the notes under the table say why.")
-    if not found:
+    if not comparisons:
         what = "no condition finished" if len(failed) == len(selected) else "nothing to compare"
         return Verdict(name, f"{label}: {what}.", tuple(details))
-    background = found[0].background
-    headlines = [one for one in found if one.background == background and one.method != CONTROL]
-    headlines = headlines[:IN_HEADLINE] or found[:1]
+    background = comparisons[0].background
+    headlines = [
+        one for one in comparisons if one.background == background and one.method != CONTROL
+    ]
+    headlines = headlines[:IN_HEADLINE] or comparisons[:1]
     against = {one.method: one for one in controls if one.background == background}
     words = "; ".join(_headline(one, against.get(one.method)) for one in headlines)
     return Verdict(name, f"{label}: {WHERE[background]}, {words}.", tuple(details))
 
 
-def _headline(found: Comparison, control: Comparison | None) -> str:
-    words = f"{method_name(found.method)} {_quality_words(found)} {method_name(BASE)}"
-    words += _cost_words(found)
+def _headline(comparison: Comparison, control: Comparison | None) -> str:
+    words = f"{method_name(comparison.method)} {_quality_words(comparison)} {method_name(BASE)}"
+    words += _cost_words(comparison)
     if control is None:
         return words
     return f"{words}, and {_quality_words(control)} {method_name(CONTROL)}"
@@ -165,9 +170,9 @@ def signed(decibels: float) -> str:
     return f"{decibels:+.2f}".replace("-", "−")
 
 
-def _quality_words(found: Comparison) -> str:
-    where = "inside the mask" if found.metric == "mask_psnr" else "over the full frame"
-    quality = found.quality
+def _quality_words(comparison: Comparison) -> str:
+    where = "inside the mask" if comparison.metric == "mask_psnr" else "over the full frame"
+    quality = comparison.quality
     if quality is None:
         return "has no view in common with"
     if not quality.excludes_zero():
@@ -176,24 +181,24 @@ def _quality_words(found: Comparison) -> str:
     return f"{verb} {abs(quality.mean):.2f} dB {where} {preposition}"
 
 
-def _cost_words(found: Comparison) -> str:
+def _cost_words(comparison: Comparison) -> str:
     parts = []
     for times, saved, cost in (
-        (found.size, "a {} smaller file", "a {} larger file"),
-        (found.time, "{} less training time", "{} more training time"),
+        (comparison.size, "a {} smaller file", "a {} larger file"),
+        (comparison.time, "{} less training time", "{} more training time"),
     ):
         if times is not None and abs(times - 1) >= NEGLIGIBLE:
             parts.append((saved if times < 1 else cost).format(f"{abs(times - 1) * 100:.0f} %"))
     if not parts:
-        return " at the same size" + (" and time" if found.time is not None else "")
+        return " at the same size" + (" and time" if comparison.time is not None else "")
     return ", with " + " and ".join(parts)
 
 
-def _detail(found: Comparison) -> str:
-    pair = f"{method_name(found.method)} − {method_name(found.base)}"
-    head = f"{background_name(found.background)}: {pair}"
-    quality = found.quality
-    metric = "PSNR in mask" if found.metric == "mask_psnr" else "PSNR"
+def _detail(comparison: Comparison) -> str:
+    pair = f"{method_name(comparison.method)} − {method_name(comparison.base)}"
+    head = f"{background_name(comparison.background)}: {pair}"
+    quality = comparison.quality
+    metric = "PSNR in mask" if comparison.metric == "mask_psnr" else "PSNR"
     if quality is None:
         text = "no shared view"
     elif quality.samples < 2:
@@ -203,10 +208,12 @@ def _detail(found: Comparison) -> str:
             f"{metric} {signed(quality.mean)} dB (95 % interval {signed(quality.low)} to "
             f"{signed(quality.high)}, {quality.samples} paired views)"
         )
-    if found.median is not None:
-        text += f", median {signed(found.median)} dB, as some views are outliers"
-    ratios = ((found.size, "size"), (found.time, "time"))
-    small = [] if found.details is None else [f"small parts {signed(found.details.mean)} dB"]
+    if comparison.median is not None:
+        text += f", median {signed(comparison.median)} dB, as some views are outliers"
+    ratios = ((comparison.size, "size"), (comparison.time, "time"))
+    small = (
+        [] if comparison.details is None else [f"small parts {signed(comparison.details.mean)} dB"]
+    )
     parts = small + [f"{name} × {ratio:.2f}" for ratio, name in ratios if ratio is not None]
     return f"{head}: {'; '.join([text, *parts])}."
 
@@ -247,11 +254,11 @@ def facts(rows: Sequence[Row]) -> dict[str, str]:
     """Say under what settings and on what machines the rows came about; label and value."""
     rows = refused(rows)
     origins = [row.get("provenance") or {} for row in rows if row["status"] == "finished"]
-    found = {
+    entries = {
         "Iterations": {f"{int(row['iterations']):,}" for row in rows},
         "Longest side": {f"{row['resolution']} px" for row in rows},
         "Seeds": {str(row["seed"]) for row in rows},
         "CPU": {str(origin["cpu"]) for origin in origins if origin.get("cpu")},
         "Threads per training": {str(o["threads"]) for o in origins if o.get("threads")},
     }
-    return {label: ", ".join(sorted(values)) for label, values in found.items() if values}
+    return {label: ", ".join(sorted(values)) for label, values in entries.items() if values}

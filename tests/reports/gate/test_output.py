@@ -61,7 +61,7 @@ def test_the_self_check_trusts_the_gate_on_quiet_rows(old: Rows) -> None:
     result = self_check.self_check(runs, comparisons=20)
     assert result.trusted
     assert result == self_check.self_check(runs, comparisons=20)
-    assert "the gate may be trusted" in self_check.told(result)
+    assert "the gate may be trusted" in self_check.markdown(result)
 
 
 def test_the_self_check_does_not_trust_it_on_rows_that_jump(old: Rows) -> None:
@@ -69,7 +69,7 @@ def test_the_self_check_does_not_trust_it_on_rows_that_jump(old: Rows) -> None:
     wild = self_check.self_check(runs, comparisons=12)
     assert wild.resampled.false_alarms.share < 0.1
     assert not wild.trusted
-    assert "may not be trusted" in self_check.told(wild)
+    assert "may not be trusted" in self_check.markdown(wild)
 
 
 def test_a_self_check_needs_two_runs_of_the_same_grid(old: Rows) -> None:

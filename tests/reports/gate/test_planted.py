@@ -38,7 +38,7 @@ def worse(rows: Sequence[Row], known: baseline.Baseline) -> set[str]:
 
 def test_the_committed_baseline_shows_every_planted_loss(known: baseline.Baseline) -> None:
     seen = planted.sensitivity(known.rows, known.noise)
-    assert seen.sees, str(seen)
+    assert seen.complete, str(seen)
     assert {"0.3 dB everywhere", "0.5 dB in ours+", "10% larger files"} <= set(seen.named)
     assert {"a view leaked into training", "masks 2 px larger", "another truth"} <= set(seen.named)
 
@@ -83,7 +83,7 @@ def test_a_gate_that_is_blind_is_noticed(
     wide = tuple(replace(one, margin=10.0) for one in TOLERANCES)
     monkeypatch.setattr("reports.gate.compare.TOLERANCES", wide)
     seen = planted.sensitivity(known.rows, known.noise)
-    assert not seen.sees
+    assert not seen.complete
     assert "0.3 dB everywhere" in seen.missed
     assert "not named: 0.3 dB everywhere" in str(seen)
 

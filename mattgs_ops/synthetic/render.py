@@ -138,9 +138,11 @@ def render_capture(
         raise InputError(f"{out}: expected a folder without a capture, found transforms.json")
     used = choose_variant(variant)
     total = making.views + making.test_views
+    made = {**asdict(making), "variant": used}
+    _check_same(made, out / "object.json")
     progress(0, total, f"building {making.name}")
     world = build_world(making)
-    _begin(world, {**asdict(making), "variant": used}, out)
+    _begin(world, made, out)
     tracer = Tracer(world.stage, world.light())
     for k, view in enumerate(world.views):
         if not mask_path(out, view).exists():  # written last
@@ -167,20 +169,22 @@ def mask_path(out: Path, view: View) -> Path:
     return out / "masks" / f"{view.file}.png"
 
 
-def _begin(world: World, made: dict[str, object], out: Path) -> None:
-    """Make the folders and ``object.json``, or check that it says the same."""
-    path = out / "object.json"
-    corners = np.concatenate(world.stage.corners)
-    data = {**made, "unit": "centimetre", "corners": np.round(corners, 5).tolist()}
+def _check_same(made: dict[str, object], path: Path) -> None:
+    """Raise :class:`InputError` where ``object.json`` is of a capture that was made otherwise."""
     if path.exists():
-        there = json.loads(path.read_text(encoding="utf-8"))
-        if any(there.get(key) != value for key, value in made.items()):
-            before = {key: there.get(key) for key in made}
+        before = json.loads(path.read_text(encoding="utf-8"))
+        before = {key: before.get(key) for key in made}
+        if before != made:
             raise InputError(f"{path}: expected a capture made with {made}, found {before}")
-        return
+
+
+def _begin(world: World, made: dict[str, object], out: Path) -> None:
+    """Make the folders and ``object.json``."""
     for folder in ("images", "masks", "ids"):
         (out / folder).mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(data) + "\n", encoding="utf-8")
+    corners = np.concatenate(world.stage.corners)
+    data = {**made, "unit": "centimetre", "corners": np.round(corners, 5).tolist()}
+    (out / "object.json").write_text(json.dumps(data) + "\n", encoding="utf-8")
 
 
 def _render_view(tracer: Tracer, view: View, making: Making, out: Path) -> None:

@@ -7,10 +7,10 @@ the worker or server was started in.
 """
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, ParamSpec, cast
 from uuid import UUID, uuid4
 
 import yaml
@@ -31,6 +31,7 @@ from mattgs_ops.frozen import Frozen
 from mattgs_ops.progress import Progress, Throttle
 
 PROGRESS_SECONDS = 5.0  # between two updates of a progress bar: each is an API call
+P = ParamSpec("P")
 WORK_POOL = "mattgs"  # prefect work-pool create --type process mattgs
 IMAGE_FOLDER = "/data"  # of Dockerfile, where stages write
 PREFECT_FILE_HEAD = """\
@@ -44,13 +45,19 @@ class GateError(MattgsError):
     """The gate did not pass."""
 
 
-@flow(
-    name="grid",
-    flow_run_name="grid {settings.name}",
-    persist_result=False,
-    on_failure=[parameters_hook],
-    on_crashed=[parameters_hook],
-)
+def scheduled(name: str, run_name: str) -> Callable[[Callable[P, None]], Flow[P, None]]:
+    """Make a flow that sends its failure, with its parameters, where the user wants it."""
+    hooks: list[Any] = [parameters_hook]
+    return flow(
+        name=name,
+        flow_run_name=run_name,
+        persist_result=False,
+        on_failure=hooks,
+        on_crashed=hooks,
+    )
+
+
+@scheduled("grid", "grid {settings.name}")
 def grid(settings: GridForm, run: str | None = None) -> None:
     """Run a benchmark as ``mattgs run`` does. Ends as failed when an experiment has failed.
 
@@ -66,13 +73,7 @@ def grid(settings: GridForm, run: str | None = None) -> None:
         raise MattgsError(f"some experiments failed; report: {report}")
 
 
-@flow(
-    name="nightly",
-    flow_run_name="nightly {settings.name}",
-    persist_result=False,
-    on_failure=[parameters_hook],
-    on_crashed=[parameters_hook],
-)
+@scheduled("nightly", "nightly {settings.name}")
 def nightly(settings: NightlyForm) -> None:
     """Run a grid, then judge what this very run wrote.
 
@@ -107,13 +108,7 @@ def _first(name: str, file: Path, out: Path, run: str) -> None:
     create_markdown_artifact(text, key="gate", description=f"First baseline of {name}")
 
 
-@flow(
-    name="segmenter",
-    flow_run_name="train segmenter",
-    persist_result=False,
-    on_failure=[parameters_hook],
-    on_crashed=[parameters_hook],
-)
+@scheduled("segmenter", "train segmenter")
 def segmenter(settings: SegmenterForm) -> None:
     """Train U²-Net as ``mattgs segment train`` does; an interrupted training goes on."""
     from flows.services import embedded
@@ -129,13 +124,7 @@ def segmenter(settings: SegmenterForm) -> None:
     create_markdown_artifact(text, key="segmenter", description=onnx.name)
 
 
-@flow(
-    name="gate",
-    flow_run_name="gate {settings.benchmark}",
-    persist_result=False,
-    on_failure=[parameters_hook],
-    on_crashed=[parameters_hook],
-)
+@scheduled("gate", "gate {settings.benchmark}")
 def gate(settings: JudgeForm, run: str | None = None) -> None:
     """Compare a recorded benchmark with a baseline; ends as failed unless the gate passes.
 

@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import jinja2
-
 from reports.history import charts
 from reports.history.series import (
     FoundStep,
@@ -22,6 +20,7 @@ from reports.history.series import (
     points_of,
 )
 from reports.rows.schema import capture_name, condition_name, key_of
+from reports.templates import environment
 
 TEMPLATES = Path(__file__).with_name("templates")
 PAGE, DATA = "history.html", "history.json"
@@ -54,14 +53,8 @@ def render(
     series: Sequence[Series], steps: Sequence[FoundStep], *, title: str, summary: str
 ) -> str:
     """Return the page's HTML."""
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(TEMPLATES),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
-    return environment.get_template("history.html.j2").render(
+    template = environment(TEMPLATES).get_template("history.html.j2")
+    return template.render(
         title=title,
         summary=summary,
         steps=[describe(step) for step in steps],

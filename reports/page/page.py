@@ -13,7 +13,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import numpy as np
 from PIL import Image
 
@@ -25,6 +24,7 @@ from reports.tables import formats
 from reports.tables.formats import Table
 from reports.tables.side_tables import BUDGETS
 from reports.tables.verdict import Verdict
+from reports.templates import environment
 
 TEMPLATES = Path(__file__).with_name("templates")
 PICTURE_QUALITY = 82  # of JPEG; renders are judged by their scores, not by this copy
@@ -60,14 +60,8 @@ def render(
     warnings: Sequence[str] = (),
 ) -> str:
     """Return the page's HTML; ``first`` are figures that stand before all else."""
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(TEMPLATES),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
-    environment.filters["unbroken"] = _unbroken
+    templates = environment(TEMPLATES)
+    templates.filters["unbroken"] = _unbroken
     lanes = sum(len(gallery.conditions) + len(backgrounds(gallery)) for gallery in galleries)
     views = min(SLIDER_BUDGET, max(FEWEST_VIEWS, PICTURES // max(1, lanes)))
     models = sum(len(gallery.rows) for gallery in galleries)
@@ -81,7 +75,7 @@ def render(
     captures = [capture for capture in captures if capture["views"] or capture["models"]]
     inlined, share = _figures(figures)
     ahead, _ = _figures(first)
-    return environment.get_template("report.html.j2").render(
+    return templates.get_template("report.html.j2").render(
         title=title,
         summary=summary,
         facts=facts,

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from flows.cli.app import app
 from mattgs_ops.errors import InputError
 from tasks.registry import runs
-from tests.flows.results.test_rebuild import files_of
+from tests.flows.results.conftest import files_of
 
 Row = dict[str, Any]
 
@@ -36,11 +36,6 @@ def out(
     (kept / "rows.json").write_text(json.dumps(pictured[0]))
     shutil.copytree(pictured[1], folder / "store")
     return folder
-
-
-@pytest.fixture(autouse=True)
-def embedded_registry(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
 
 
 def name_of(row: Row) -> str:

@@ -60,11 +60,6 @@ def out(fresh_registry: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture(autouse=True)
-def embedded_registry(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
-
-
 def row() -> dict[str, Any]:
     return {
         "benchmark": "small", "capture": "ball", "condition": "nobg-ours", "background": "nobg",

@@ -49,11 +49,6 @@ def out(fresh_registry: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture(autouse=True)
-def embedded_registry(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
-
-
 def test_steps_are_named_and_verdicts_are_marked(out: Path) -> None:
     text, code = judge(out, "quick-ci", str(out / "before.json"))
     assert code == 1, text

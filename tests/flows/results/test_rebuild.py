@@ -8,15 +8,13 @@ from typing import Any
 import pytest
 
 from flows.results.rebuild import rebuild_report
-from mattgs_ops.capture.scene import Scene
 from mattgs_ops.errors import InputError
-from mattgs_ops.segment import sheet
 from reports.page.build import build
-from tasks.registry import promotion, record, runs, summary
+from tasks.registry import promotion, runs, summary
 from tasks.registry.lookup import find_run
+from tests.flows.results.conftest import files_of
 
 Row = dict[str, Any]
-STAGES = {"train": "train", "evaluate": "evaluate", "scene": "sfm"}  # a row's names → stages
 
 
 def digests(folder: Path) -> dict[str, str]:
@@ -25,23 +23,6 @@ def digests(folder: Path) -> dict[str, str]:
         for path in sorted(folder.rglob("*"))
         if path.is_file() and "gate" not in path.parts
     }
-
-
-def files_of(row: Row, root: Path, copies: Path) -> list[tuple[Path, str]]:
-    """List what a run keeps of a row's folders, by the table that the real thing goes by."""
-    found = []
-    for name, stage in STAGES.items():
-        folder = root / row["artifacts"][name]
-        for file, place in record.KEPT[stage].items():
-            if (folder / file).exists():
-                found.append((folder / file, place))
-    scene = Scene.load(root / row["artifacts"]["scene"])
-    view = scene.example_view()
-    assert view is not None
-    assert view.mask is not None
-    sheet.write_copies(scene.folder, copies)
-    found += [(copies, f"scene/{sheet.FOLDER}")]
-    return [*found, (view.photo, "scene/photos"), (view.mask, "scene/masks")]
 
 
 @pytest.fixture(scope="module")
@@ -65,11 +46,6 @@ def out(
     summary.record_summary(uri_of(folder), experiment, "toy", rows, first)
     shutil.rmtree(folder / "store")
     return folder
-
-
-@pytest.fixture(autouse=True)
-def embedded_registry(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
 
 
 def uri_of(folder: Path) -> str:

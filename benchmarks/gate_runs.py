@@ -59,9 +59,12 @@ def shrunk(scene: Scene, resolution: int, out: Path) -> Scene:
     for view in scene.views:
         size = size_at(view.width, view.height, resolution)
         photo = _resized(view.photo, size, out / "photos" / f"{view.name}.png")
-        mask = view.mask and _resized(view.mask, size, out / "masks" / f"{view.name}.png")
+        masks = {
+            kind: path and _resized(path, size, out / kind / f"{view.name}.png")
+            for kind, path in (("mask", view.mask), ("coverage", view.coverage))
+        }
         camera = view.camera and view.camera.scaled(*size)
-        small = {"photo": photo, "mask": mask, "camera": camera, "ids": None}
+        small = {"photo": photo, "camera": camera, "ids": None, **masks}
         views.append(replace(view, width=size[0], height=size[1], **small))
     found = replace(scene, folder=out, views=tuple(views))
     found.save(scene.points())

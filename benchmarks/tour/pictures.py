@@ -16,7 +16,8 @@ from tests.reports.chromium import CHROMIUM, Page, chromium
 
 WINDOW, SHOWN = (1600, 900), (1280, 720)
 COLOURS = 128
-SETTLE = 8.0  # seconds: interfaces ask their server many things
+Place = tuple[str, str]  # a page's address, and words on it once it has loaded
+SETTLE = 3.0  # seconds after the words are there: charts are drawn last
 TIMEOUT = 60
 # MLflow's interface opens with a panel for a chat beside what is to be seen
 CLOSE = (
@@ -38,44 +39,45 @@ def take(title: str, ports: dict[str, str], folder: Path) -> None:
     with chromium() as address:
         page = Page(address)
         page.resize(*WINDOW)
-        for name, shown in pages.items():
-            _picture(page, shown, folder / f"{name}.png")
+        for name, (shown, words) in pages.items():
+            _picture(page, shown, words, folder / f"{name}.png")
             print(f"    {folder / f'{name}.png'}", flush=True)
 
 
-def _mlflow(server: str) -> dict[str, str]:
+def _mlflow(server: str) -> dict[str, Place]:
     """Return the pages of the one benchmark that was run there, and of its newest run."""
     api = f"{server}/api/2.0/mlflow"
-    found = _ask(f"{api}/experiments/search", {"max_results": 10})["experiments"]
+    found = _post(f"{api}/experiments/search", {"max_results": 10})["experiments"]
     (experiment,) = [one["experiment_id"] for one in found if one["name"] != "Default"]
     query = {"experiment_ids": [experiment], "filter": "tags.capture != ''"}
-    run = _ask(f"{api}/runs/search", query)["runs"][0]["info"]["run_id"]
+    run = _post(f"{api}/runs/search", query)["runs"][0]["info"]["run_id"]
     runs = f"{server}/#/experiments/{experiment}/runs"
     return {
-        "mlflow-runs": f"{runs}?viewStateShareKey=mattgs&compareRunsMode=TABLE",
-        "mlflow-run": f"{runs}/{run}",
-        "mlflow-system": f"{runs}/{run}/system-metrics",
+        "mlflow-runs": (f"{runs}?viewStateShareKey=mattgs&compareRunsMode=TABLE", "nobg-gentle"),
+        "mlflow-run": (f"{runs}/{run}", "mask_psnr"),
+        "mlflow-system": (f"{runs}/{run}/system-metrics", "system/"),
     }
 
 
-def _prefect(server: str) -> dict[str, str]:
+def _prefect(server: str) -> dict[str, Place]:
     """Return the page of the deployment's next runs."""
-    (deployment,) = _ask(f"{server}/api/deployments/filter", {})
+    (deployment,) = _post(f"{server}/api/deployments/filter", {})
     page = f"{server}/deployments/deployment/{deployment['id']}?tab=Upcoming"
-    return {"prefect-runs": page}
+    return {"prefect-runs": (page, "Scheduled")}
 
 
-def _ask(address: str, body: dict[str, Any]) -> Any:
+def _post(address: str, body: dict[str, Any]) -> Any:
     kind = {"Content-Type": "application/json"}
     request = urllib.request.Request(address, json.dumps(body).encode(), kind)
     with urllib.request.urlopen(request, timeout=TIMEOUT) as answer:
         return json.load(answer)
 
 
-def _picture(page: Page, address: str, file: Path) -> None:
+def _picture(page: Page, address: str, words: str, file: Path) -> None:
     """Open a page, put away what is not about the benchmark, and take its picture."""
+    page.send("Page.navigate", url="about:blank")  # a change after the # alone loads nothing anew
     page.send("Page.navigate", url=address)
-    time.sleep(SETTLE)
+    page.wait(f"document.body?.innerText.includes({json.dumps(words)})")
     page.value(CLOSE)
     time.sleep(SETTLE)
     data = page.send("Page.captureScreenshot", format="png")["data"]

@@ -43,6 +43,7 @@ EXPOSURE_SPREAD = 0.05  # standard deviation of the exposure from training photo
 QUALITY = 90  # JPEG, colours at half resolution: a phone's
 TEST_QUALITY = 97  # JPEG, colours at full resolution
 TEST_SEED = 5_003  # apart from the seeds of a walk's training views
+STREAMS = ("desk", "object", "walk", "test walk")  # of random numbers; the order counts
 PALETTE = {Part.REST: (0, 0, 0), Part.SCREW: (230, 60, 50), Part.WIRE: (60, 120, 240)}
 PALETTE |= {Part.PRINT: (250, 220, 80)}
 
@@ -101,15 +102,16 @@ class World:
 
 def build_world(making: Making) -> World:
     """Build a scene from its seed: object, desk, and the walks of training and test views."""
-    module: ModuleType = import_module(f"mattgs_ops.synthetic.objects.{making.name}")
-    # one stream each, so that another number of views leaves the desk as it is
-    key = NAMES.index(making.name)
-    desk, thing, walk, test_walk = (
-        np.random.default_rng([making.seed, key, stream]) for stream in range(4)
-    )
+    module = _module(making)
     stage = Stage()
-    ground = furnish(stage, desk, module.LAYOUT)
-    module.build(stage, thing, ground)
+    ground = furnish(stage, _stream(making, "desk"), module.LAYOUT)
+    module.build(stage, _stream(making, "object"), ground)
+    return World(stage, module.WINDOW, module.LIGHT, plan_views(making))
+
+
+def plan_views(making: Making) -> list[View]:
+    """Return the photos to take, training views first; nothing is built for it."""
+    module, walk = _module(making), _stream(making, "walk")
     poses = cameras.walk(module.ORBITS, module.TARGET, making.views, walk)
     exposures = EXPOSURE * np.exp(walk.normal(0, EXPOSURE_SPREAD, making.views))
     first = making.seed * 10_007
@@ -117,12 +119,23 @@ def build_world(making: Making) -> World:
         View(f"{k:04d}.jpg", pose, float(exposure), making.samples, first + k, test=False)
         for k, (pose, exposure) in enumerate(zip(poses, exposures, strict=True))
     ]
+    test_walk = _stream(making, "test walk")
     test_poses = cameras.walk(module.ORBITS, module.TARGET, making.test_views, test_walk)
     views += [
         View(f"test_{k:04d}.jpg", pose, EXPOSURE, making.test_samples, first + TEST_SEED + k, True)
         for k, pose in enumerate(test_poses)
     ]
-    return World(stage, module.WINDOW, module.LIGHT, views)
+    return views
+
+
+def _module(making: Making) -> ModuleType:
+    return import_module(f"mattgs_ops.synthetic.objects.{making.name}")
+
+
+def _stream(making: Making, what: str) -> np.random.Generator:
+    """Return a stream of its own, so that another number of views leaves the desk as it is."""
+    seeds = [making.seed, NAMES.index(making.name), STREAMS.index(what)]
+    return np.random.default_rng(seeds)
 
 
 def render_capture(

@@ -1,6 +1,8 @@
 """A benchmark on services that somebody else runs: Prefect by a profile, Dask over TLS, a webhook.
 
-All of them are real and on loopback. One of the two methods diverges, so that the run fails.
+All of them are real and on loopback. Most of the grid fails: one capture has two photos only,
+another is noise, so that no view can be placed; on the third one method diverges at its first step.
+Branches that fail never stop the others: rows say why, tables show holes, the exit code tells.
 """
 
 import itertools
@@ -9,16 +11,16 @@ import os
 import re
 import subprocess
 import sys
-import threading
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 from urllib.request import urlopen
 
+import numpy as np
 import pytest
+from PIL import Image
 from prefect.client.orchestration import SyncPrefectClient, get_client
 from prefect.client.schemas.actions import GlobalConcurrencyLimitCreate
 from prefect.client.schemas.filters import LogFilter, LogFilterFlowRunId, LogFilterTaskRunId
@@ -26,8 +28,8 @@ from prefect.client.schemas.objects import FlowRun, TaskRun
 from prefect.settings import PREFECT_API_URL, temporary_settings
 
 from benchmarks import tiny
-from benchmarks.two_machines import free_port
-from flows.services.dask_cluster import CERTIFICATES
+from reports.tables.tables import HOLE
+from tests.flows.loopback import dask_over_tls, webhook
 
 pytestmark = pytest.mark.slow
 
@@ -37,8 +39,19 @@ retries = 3
 [methods.wild]
 weighting = "residual"
 weight = 1e39 # infinite as a 32-bit number
+[[captures]]
+name = "pair"
+path = "pair"
+[[captures]]
+name = "noise"
+path = "noise"
 """
-TRAININGS = 2  # that the worker would do at a time; the server's limit on their tag is 1
+FEW, NOISE = "found 2 photos; at least 3", "none of 28 pairs of views shows the same scene"
+REASONS = {
+    **{("pair", condition): FEW for condition in CONDITIONS},
+    **{("noise", condition): NOISE for condition in CONDITIONS},
+    ("board", "nobg-wild"): "the loss is nan",
+}
 TIMEOUT = 540
 
 
@@ -64,6 +77,7 @@ def ran(
     folder = tmp_path_factory.mktemp("existing")
     config = tiny.write(folder)
     config.write_text(config.read_text() + MORE)
+    write_bad_captures(folder)
     profiles = folder / "home" / ".prefect" / "profiles.toml"
     profiles.parent.mkdir(parents=True)
     profiles.write_text(f'active = "lab"\n[profiles.lab]\nPREFECT_API_URL = "{prefect_api}"\n')
@@ -90,63 +104,14 @@ def ran(
         yield Ran(folder, done.returncode, printed, posts, client, runs[0], tasks, scheduler)
 
 
-@contextmanager
-def webhook() -> Iterator[tuple[str, list[dict[str, Any]]]]:
-    """Serve an address that keeps the JSON posted to it."""
-    posts: list[dict[str, Any]] = []
-
-    class Keeps(BaseHTTPRequestHandler):
-        def do_POST(self) -> None:
-            posts.append(json.loads(self.rfile.read(int(self.headers["Content-Length"]))))
-            self.send_response(200)
-            self.end_headers()
-
-        def log_message(self, *_: Any) -> None:
-            """Print nothing."""
-
-    with ThreadingHTTPServer(("127.0.0.1", 0), Keeps) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        yield f"http://127.0.0.1:{server.server_address[1]}", posts
-        server.shutdown()
-
-
-@contextmanager
-def dask_over_tls(folder: Path, certificates: Path, environment: dict[str, str]) -> Iterator[str]:
-    """Run Dask's own commands, as docs/operations.md has them."""
-    address = f"tls://127.0.0.1:{free_port()}"
-    tls = [
-        word
-        for name, file in CERTIFICATES.items()
-        for word in (f"--tls-{name}", str(certificates / file))
-    ]
-    dask = [sys.executable, "-m", "dask"]
-    scheduler = ["scheduler", "--host", "127.0.0.1", "--port", address.rpartition(":")[2]]
-    scheduler += ["--protocol", "tls", "--dashboard-address", "127.0.0.1:0"]
-    worker = ["worker", address, "--nthreads", "2", "--resources", f"train={TRAININGS}"]
-    worker += ["--no-dashboard", "--death-timeout", "120", "--local-directory", str(folder)]
-    commands = [[*dask, *scheduler, *tls], [*dask, *worker, *tls]]
-    with (folder / "dask.log").open("ab") as log:
-        processes = [
-            subprocess.Popen(command, env=environment, cwd=folder, stdout=log, stderr=log)
-            for command in commands
-        ]
-    try:
-        wait_for_worker(address, certificates)
-        yield address
-    finally:
-        for process in reversed(processes):
-            process.terminate()
-            process.wait()
-
-
-def wait_for_worker(address: str, certificates: Path) -> None:
-    from distributed import Client
-    from distributed.security import Security
-
-    ca, cert, key = (str(certificates / file) for file in CERTIFICATES.values())
-    security = Security(tls_ca_file=ca, tls_client_cert=cert, tls_client_key=key)
-    with Client(address, security=security, timeout=120, set_as_default=False) as client:
-        client.wait_for_workers(1, timeout=120)
+def write_bad_captures(folder: Path) -> None:
+    """Write eight photos of noise, and two of them as another capture."""
+    rng = np.random.default_rng(3)
+    for name, count in (("noise", 8), ("pair", 2)):
+        (folder / name).mkdir()
+        for index in range(count):
+            noise = rng.integers(0, 256, (48, 64, 3), dtype=np.uint8)
+            Image.fromarray(noise).save(folder / name / f"{index}.png")
 
 
 def logs(ran: Ran, task: str | None = None) -> list[str]:
@@ -181,9 +146,9 @@ def test_task_runs_have_tags_and_the_benchmarks_retries(ran: Ran) -> None:
 
 
 def test_a_limit_on_a_tag_keeps_trainings_apart(ran: Ran) -> None:
-    found = [task for name, task in ran.tasks.items() if name.startswith("train ")]
+    found = [task for name, task in ran.tasks.items() if name.startswith("train board ")]
     times = sorted((task.start_time, task.end_time) for task in found)
-    assert len(times) == len(CONDITIONS)
+    assert len(times) == len(CONDITIONS), "of the one capture that can be trained"
     for (_, ended), (began, _) in itertools.pairwise(times):
         assert ended is not None
         assert began is not None
@@ -235,4 +200,33 @@ def test_a_failed_run_sends_one_message(ran: Ran) -> None:
     assert post["flow"] == "benchmark"
     assert post["run"] == str(ran.run.id)
     assert post["text"].startswith("MATT-GS Bench: benchmark tiny: Failed\n")
-    assert "1 of 3 experiments failed; report: " in post["text"]
+    assert f"{len(REASONS)} of 9 experiments failed; report: " in post["text"]
+
+
+def test_each_experiment_has_a_row_that_says_how_it_ended(ran: Ran) -> None:
+    assert "Traceback" not in ran.printed
+    rows = json.loads((ran.folder / "out/benchmarks/tiny/rows.json").read_text())
+    assert all(row["run_id"] for row in rows), "failures are recorded too"
+    by_cell = {(row["capture"], row["condition"]): row for row in rows}
+    finished = {cell for cell, row in by_cell.items() if row["status"] == "finished"}
+    assert finished == {("board", "nobg-3dgs"), ("board", "nobg-ours")}
+    assert by_cell.keys() == {*finished, *REASONS}
+    for cell, reason in REASONS.items():
+        assert by_cell[cell]["status"] == "failed"
+        assert reason in by_cell[cell]["reason"]
+
+
+def test_tables_show_holes_where_an_experiment_failed(ran: Ran) -> None:
+    report = (ran.folder / "out/benchmarks/tiny/report.md").read_text()
+    (table,) = re.findall(r"^### Table [^\n]*board.*?(?=^#)", report, re.MULTILINE | re.DOTALL)
+    wild, healthy = (line_of(table, name) for name in ("wild", "3DGS"))
+    assert set(wild[1:-1]) == {HOLE.text}  # the last column names the run
+    assert HOLE.text not in healthy
+    assert re.search(r"wild, seed 0 failed: .*the loss is nan", table)
+
+
+def line_of(table: str, method: str) -> list[str]:
+    """Return the cells of a method's line in a Markdown table, from the method on."""
+    lines = [line.split("|")[2:-1] for line in table.splitlines() if line.startswith("|")]
+    (found,) = (cells for cells in lines if cells[0].strip().startswith(method))
+    return [cell.strip() for cell in found]

@@ -1,7 +1,8 @@
 """The real line on a small capture: photos in, tables out, all six conditions.
 
-Nothing is replaced: U²-Net in ONNX Runtime cuts out, pycolmap finds the cameras, the engine trains,
-Prefect and Dask fan out, MLflow keeps the runs.
+It begins as a user does, with the file that ``mattgs init`` writes. Nothing is replaced: U²-Net in
+ONNX Runtime cuts out, pycolmap finds the cameras, the engine trains, Prefect and Dask fan out,
+MLflow keeps the runs.
 """
 
 import json
@@ -16,6 +17,7 @@ from typing import Any
 import pytest
 
 import mattgs_ops
+from flows.cli.arguments import DEFAULT_OUT
 from mattgs_ops.capture.scene import Scene
 from mattgs_ops.config import CONDITIONS, Condition
 from mattgs_ops.score import evaluate
@@ -32,15 +34,16 @@ PHOTOS = Path(mattgs_ops.__file__).parent / "bundled" / "lattepanda" / "images"
 ORDER = (3, 0, 1, 2, 4, 5, 6, 7, 8, 9, 10, 11)
 VIEWS = len(ORDER)  # neighbours on one orbit
 RESOLUTION = 96
-SETTINGS = f"""
-name = "small"
-iterations = 200
-resolution = {RESOLUTION}
+SMALL = """
 [segment]
 refine = "grabcut"
 [sfm]
 max_features = 2000
 """
+COMMAND = (
+    "run", "--config", "benchmark.toml", "--conditions", ",".join(CONDITIONS),
+    "--iterations", "200", "--resolution", str(RESOLUTION),
+)  # fmt: skip
 # What training must bring at least on held-out views; dB, and 1. It brings 2.5 to 4.6 dB: so short
 # a training ends half a decibel apart where the engine rounds differently.
 PSNR_RISE, SSIM_RISE = 1.5, 0.05
@@ -49,31 +52,37 @@ TIMEOUT = 540  # seconds; only so that a hanging run ends
 Rows = dict[str, dict[str, Any]]
 
 
-def mattgs(*arguments: str | Path, temporary: Path) -> subprocess.CompletedProcess[str]:
-    """Run the command; what silences the machine lies in ``temporary``, apart from others'."""
-    command = [sys.executable, "-m", "flows.cli.app", *map(str, arguments)]
-    environment = os.environ | {"TMPDIR": str(temporary)}
-    return subprocess.run(
-        command, capture_output=True, text=True, timeout=TIMEOUT, check=False, env=environment
+def mattgs(folder: Path, *arguments: str) -> str:
+    """Run the command in ``folder``, where what silences the machine lies too; return its print."""
+    done = subprocess.run(
+        [sys.executable, "-m", "flows.cli.app", *arguments],
+        cwd=folder,
+        env=os.environ | {"TMPDIR": str(folder)},
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT,
+        check=False,
     )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
 
 
 @pytest.fixture(scope="module")
 def out(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """Run a small benchmark; return its folder."""
+    """Run a small benchmark; return its output folder."""
     folder = tmp_path_factory.mktemp("line")
     photos = folder / "photos"
     photos.mkdir()
     bundled = sorted(PHOTOS.glob("*.jpg"))
     for place, number in enumerate(ORDER):
         shutil.copy(bundled[number], photos / f"{place:04d}.jpg")
-    (folder / "small.toml").write_text(SETTINGS, encoding="utf-8")
-    command = ("run", "--photos", photos, "--config", folder / "small.toml", "--out", folder)
-    done = mattgs(*command, temporary=folder)
-    assert done.returncode == 0, done.stdout + done.stderr
-    report = Path(done.stdout.strip().splitlines()[-1].removeprefix("Report: "))
+    assert "Next: mattgs run --config benchmark.toml" in mattgs(folder, "init", "--name", "board")
+    with (folder / "benchmark.toml").open("a", encoding="utf-8") as file:
+        file.write(SMALL)
+    printed = mattgs(folder, *COMMAND)
+    report = Path(printed.strip().splitlines()[-1].removeprefix("Report: "))
     assert report.is_file(), "the last line names the report"
-    yield folder
+    yield folder / DEFAULT_OUT
     shutil.rmtree(folder)
 
 
@@ -105,8 +114,9 @@ def test_training_lifts_held_out_views_well_above_the_untrained_model(
     parsed = Condition.parse(condition)
     views = store_views(scene.registered("train"), parsed.background, RESOLUTION)
     untrained = initial_splats(starting_points(scene.points(), views, parsed.background, 0))
-    write_ply(untrained, tmp_path / "untrained.ply")
-    evaluate.render_views(scene, tmp_path / "untrained.ply", parsed, RESOLUTION, tmp_path)
+    untrained_ply = tmp_path / "untrained.ply"
+    write_ply(untrained, untrained_ply)
+    evaluate.render_views(scene, untrained_ply, parsed, RESOLUTION, tmp_path, train_every=VIEWS)
     before = evaluate.score(tmp_path)["metrics"]
     assert row["metrics"]["psnr"] > before["psnr"] + PSNR_RISE
     assert row["metrics"]["ssim"] > before["ssim"] + SSIM_RISE
@@ -114,9 +124,7 @@ def test_training_lifts_held_out_views_well_above_the_untrained_model(
 
 def test_the_same_command_again_repeats_no_stage(out: Path, rows: Rows) -> None:
     before = {p: p.stat().st_mtime_ns for p in (out / "store").rglob("manifest.json")}
-    command = ("run", "--photos", out / "photos", "--config", out / "small.toml", "--out", out)
-    done = mattgs(*command, temporary=out)
-    assert done.returncode == 0, done.stdout + done.stderr
+    mattgs(out.parent, *COMMAND)
     after = {p: p.stat().st_mtime_ns for p in (out / "store").rglob("manifest.json")}
     assert {p: after.get(p) for p in before} == before
     assert len(rows) == len(CONDITIONS)

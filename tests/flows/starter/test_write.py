@@ -1,9 +1,9 @@
-"""``mattgs init``: what it writes is valid, explains itself, overwrites nothing, and runs."""
+"""``mattgs init``: what it writes is valid, explains itself, and overwrites nothing.
+
+That it runs is shown by ``tests/flows/test_whole_line.py``, which begins with it.
+"""
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +20,6 @@ from mattgs_ops.errors import InputError
 
 BUNDLED = Path(mattgs_ops.__file__).parent / "bundled" / "lattepanda" / "images"
 SIZE = (320, 240)
-VIEWS = 10
-TIMEOUT = 1200  # seconds; only so that a hanging run ends
 
 
 def photos_in(folder: Path, count: int = starter.FEWEST_PHOTOS) -> None:
@@ -110,18 +108,3 @@ def test_the_schedule_names_a_flow_and_parameters_that_it_takes(
     found = flow.validate_parameters(entry["parameters"])["settings"]
     assert (found.name, found.config) == ("mine", Path("benchmark.toml"))
     assert found.gate.baseline == "baseline.json"
-
-
-@pytest.mark.slow
-def test_what_is_written_runs_as_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    photos_in(tmp_path / "photos", VIEWS)
-    init(tmp_path, monkeypatch, "--name", "board")
-    done = subprocess.run(
-        [sys.executable, "-m", "flows.cli.app", "run", "--config", "benchmark.toml"],
-        cwd=tmp_path, env=os.environ | {"TMPDIR": str(tmp_path)},
-        capture_output=True, text=True, timeout=TIMEOUT, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stdout + done.stderr
-    rows = json.loads((tmp_path / "mattgs-out/benchmarks/board/rows.json").read_text())
-    assert {row["status"] for row in rows} == {"finished"}
-    assert {row["condition"] for row in rows} == {"original-3dgs", "nobg-3dgs", "nobg-ours+"}

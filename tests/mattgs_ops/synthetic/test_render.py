@@ -16,7 +16,7 @@ import mattgs_ops
 from mattgs_ops.errors import InputError
 from mattgs_ops.synthetic import cameras
 from mattgs_ops.synthetic.objects import parts
-from mattgs_ops.synthetic.render import Making, build_world, develop, photograph, render_capture
+from mattgs_ops.synthetic.render import Making, develop, photograph, plan_views, render_capture
 from mattgs_ops.synthetic.surfaces.materials import Part, Stage, plain, pose
 from mattgs_ops.synthetic.surfaces.mesh import box, quad
 from mattgs_ops.synthetic.surroundings import clutter
@@ -186,7 +186,7 @@ def test_a_capture_is_not_written_over(tmp_path: Path) -> None:
 
 
 def test_test_views_are_of_a_walk_of_their_own_and_leave_training_views_as_they_were() -> None:
-    many = build_world(Making("lattepanda")).views
+    many = plan_views(Making("lattepanda"))
     train, test = many[:48], many[48:]
     shipped = json.loads((BUNDLED / "lattepanda" / "transforms.json").read_text(encoding="utf-8"))
     for frame, view in zip(shipped["frames"], train, strict=True):  # rendered without test views

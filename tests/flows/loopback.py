@@ -1,0 +1,75 @@
+"""Services that tests start on loopback: an address for messages, a Dask cluster over TLS."""
+
+import json
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+from benchmarks.two_machines import free_port
+from flows.services.dask_cluster import CERTIFICATES
+
+TRAININGS = 2  # that the worker would do at a time
+
+
+@contextmanager
+def webhook() -> Iterator[tuple[str, list[dict[str, Any]]]]:
+    """Serve an address that keeps the JSON posted to it."""
+    posts: list[dict[str, Any]] = []
+
+    class Keeps(BaseHTTPRequestHandler):
+        def do_POST(self) -> None:
+            posts.append(json.loads(self.rfile.read(int(self.headers["Content-Length"]))))
+            self.send_response(200)
+            self.end_headers()
+
+        def log_message(self, *_: Any) -> None:
+            """Print nothing."""
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Keeps) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{server.server_address[1]}", posts
+        server.shutdown()
+
+
+@contextmanager
+def dask_over_tls(folder: Path, certificates: Path, environment: dict[str, str]) -> Iterator[str]:
+    """Run Dask's own commands, as docs/operations.md has them."""
+    address = f"tls://127.0.0.1:{free_port()}"
+    tls = [
+        word
+        for name, file in CERTIFICATES.items()
+        for word in (f"--tls-{name}", str(certificates / file))
+    ]
+    dask = [sys.executable, "-m", "dask"]
+    scheduler = ["scheduler", "--host", "127.0.0.1", "--port", address.rpartition(":")[2]]
+    scheduler += ["--protocol", "tls", "--dashboard-address", "127.0.0.1:0"]
+    worker = ["worker", address, "--nthreads", "2", "--resources", f"train={TRAININGS}"]
+    worker += ["--no-dashboard", "--death-timeout", "120", "--local-directory", str(folder)]
+    commands = [[*dask, *scheduler, *tls], [*dask, *worker, *tls]]
+    with (folder / "dask.log").open("ab") as log:
+        processes = [
+            subprocess.Popen(command, env=environment, cwd=folder, stdout=log, stderr=log)
+            for command in commands
+        ]
+    try:
+        wait_for_worker(address, certificates)
+        yield address
+    finally:
+        for process in reversed(processes):
+            process.terminate()
+            process.wait()
+
+
+def wait_for_worker(address: str, certificates: Path) -> None:
+    from distributed import Client
+    from distributed.security import Security
+
+    ca, cert, key = (str(certificates / file) for file in CERTIFICATES.values())
+    security = Security(tls_ca_file=ca, tls_client_cert=cert, tls_client_key=key)
+    with Client(address, security=security, timeout=120, set_as_default=False) as client:
+        client.wait_for_workers(1, timeout=120)

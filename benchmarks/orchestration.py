@@ -87,7 +87,7 @@ def _fill(place: Place, done: BenchmarkConfig, grid: BenchmarkConfig) -> None:
     versions = code_versions()
     originals: dict[str, Path] = {}
 
-    def found(at: Place, stage: Stage) -> Artifact:
+    def find_artifact(at: Place, stage: Stage) -> Artifact:
         key = stage_key(stage.name, versions[stage.name], stage.parameters, stage.inputs)
         with at.open_store().stage(key) as slot:
             if slot.finished is None:
@@ -98,16 +98,16 @@ def _fill(place: Place, done: BenchmarkConfig, grid: BenchmarkConfig) -> None:
 
     kept: list[tuple[Any, Any]] = [(module, module.perform) for module in STAGES]
     for module in STAGES:
-        module.perform = found
+        module.perform = find_artifact
     try:
         for config in (done, grid):
-            _ask(place, config)
+            _request_stages(place, config)
     finally:
         for module, perform in kept:
             module.perform = perform
 
 
-def _ask(place: Place, config: BenchmarkConfig) -> None:
+def _request_stages(place: Place, config: BenchmarkConfig) -> None:
     """Ask for every stage of a grid, as the flow does."""
     (capture,) = config.captures
     prepared = prepare.prepare(place, capture, config)

@@ -57,7 +57,7 @@ def calm(folder: Path, scheduler: str) -> bool:
     """Run a small grid; return whether all is well."""
     code = _end(_start(folder, scheduler, CALM))
     print(f"Grid of 2 experiments: exit {code}\n")
-    return code == 0 and _tell(folder, 2)
+    return code == 0 and _print_stages(folder, 2)
 
 
 def harmed(folder: Path, scheduler: str, workers: dict[str, psutil.Process]) -> bool:
@@ -67,7 +67,7 @@ def harmed(folder: Path, scheduler: str, workers: dict[str, psutil.Process]) -> 
     lost = _lose(folder, workers[WORKERS[0]], flow)
     code = _end(flow)
     print(f"Grid of 4 experiments: exit {code}, {time.monotonic() - began:.0f} s\n")
-    ok = code == 0 and _tell(folder, 5) and _resumed(folder, lost)
+    ok = code == 0 and _print_stages(folder, 5) and _resumed(folder, lost)
     # another machine, that has nothing yet, asks for the same
     shutil.rmtree(folder / "flow" / "store")
     began = time.monotonic()
@@ -232,7 +232,7 @@ def _end(flow: "subprocess.Popen[str]") -> int:
     return flow.returncode
 
 
-def _tell(folder: Path, trainings: int) -> bool:
+def _print_stages(folder: Path, trainings: int) -> bool:
     """Print who did what; return whether each worker trained and each run is in MLflow."""
     import fsspec
 

@@ -256,7 +256,7 @@ class BenchmarkConfig(Frozen):
         return value
 
     @model_validator(mode="after")
-    def _known_conditions(self) -> "BenchmarkConfig":
+    def _check_conditions(self) -> "BenchmarkConfig":
         both = sorted(self.trainers.keys() & (METHODS | self.methods).keys())
         if both:
             raise ValueError(f"trainers.{both[0]}: a method has that name; give it another")

@@ -29,7 +29,7 @@ PLACEHOLDER = re.compile(r"\{([A-Za-z_]+)\}")
 FIXED = ("here",)  # the placeholders that mean something before there is an experiment
 
 
-def _known_placeholders(arguments: tuple[str, ...]) -> tuple[str, ...]:
+def _check_placeholders(arguments: tuple[str, ...]) -> tuple[str, ...]:
     if not arguments or not arguments[0]:
         raise ValueError('expected a program and its arguments as a list, such as ["opensplat"]')
     for argument in arguments:
@@ -42,7 +42,7 @@ def _known_placeholders(arguments: tuple[str, ...]) -> tuple[str, ...]:
     return arguments
 
 
-Command = Annotated[tuple[str, ...], AfterValidator(_known_placeholders)]
+Command = Annotated[tuple[str, ...], AfterValidator(_check_placeholders)]
 
 
 class TrainerConfig(Frozen):

@@ -273,7 +273,7 @@ def _warnings(place: Place, artifacts: Mapping[str, Artifact]) -> list[dict[str,
     masks = place.folder(artifacts.get("agree", artifacts["segment"]))
     solved = "sfm" in artifacts
     extra = _read(place.folder(scene_of(artifacts)) / "scene.json")["extra"] if solved else {}
-    found = doubts.found(MaskReport.load(masks / "masks.json"), extra)
+    found = doubts.of_masks(MaskReport.load(masks / "masks.json"), extra)
     serious = bool(extra.get("poses_in_doubt"))
     found += [doubts.Doubt("poses", text, serious) for text in extra.get("warnings") or ()]
     exposures = "train" in artifacts and place.folder(artifacts["train"]) / EXPOSURES_FILE

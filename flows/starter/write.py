@@ -77,7 +77,7 @@ def _benchmark(folder: Path, photos: Path | None, name: str) -> str:
     found = _captures(folder, photos)
     names = {path: _capture_name(path, name, alone=len(found) == 1) for path in found}
     tables = [
-        f'[[captures]]\nname = "{names[path]}"\npath = {json.dumps(_shown(path, folder))}\n'
+        f'[[captures]]\nname = "{names[path]}"\npath = {json.dumps(_relative(path, folder))}\n'
         for path in found
     ] or [f'[[captures]]\nname = "{FALLBACK}"    # bundled; name your own photos instead\n']
     return _template("benchmark.toml", NAME=name, CAPTURES="\n".join(tables))
@@ -118,7 +118,7 @@ def _has_photos(folder: Path) -> bool:
     return count >= FEWEST_PHOTOS
 
 
-def _shown(path: Path, folder: Path) -> str:
+def _relative(path: Path, folder: Path) -> str:
     """Return a path relative to the benchmark's file where it lies beside it."""
     absolute, base = path.resolve(), folder.resolve()
     return str(absolute.relative_to(base) if absolute.is_relative_to(base) else absolute)

@@ -82,10 +82,10 @@ def agree(
     decision, agreed = decide(names, photos, _shrunk(maps, shown), outlines, votes, trained)
     found = dict(zip(names, agreed, strict=True))
     ground = None if votes is None else votes.place.ground
-    return _write(scene, capture, out, report, found, _told(decision, ground))
+    return _write(scene, capture, out, report, found, _decision_record(decision, ground))
 
 
-def _told(decision: Decision, ground: Plane | None) -> dict[str, Any]:
+def _decision_record(decision: Decision, ground: Plane | None) -> dict[str, Any]:
     """Return the decision as JSON values, rounded."""
     summary: dict[str, Any] = _rounded(asdict(decision))
     return summary | {"ground_share": None if ground is None else round(ground.share, 4)}

@@ -1,6 +1,6 @@
 """What a reader must know of a capture's masks, and whether they are in doubt.
 
-``found(report, extra)`` reads a mask report and what the scene says of the views' agreement. A
+``of_masks(report, extra)`` reads a mask report and what the scene says of the views' agreement. A
 capture whose masks are in doubt gets no verdict: everything after masks is built on them.
 """
 
@@ -28,7 +28,7 @@ class Doubt:
     serious: bool
 
 
-def found(report: MaskReport, extra: Mapping[str, Any]) -> list[Doubt]:
+def of_masks(report: MaskReport, extra: Mapping[str, Any]) -> list[Doubt]:
     """Return all doubts, serious ones first; ``extra`` is the scene's own."""
     agreement = extra.get("agreement") or {}
     texts = [*_contradictions(agreement), *_flooded(report)]

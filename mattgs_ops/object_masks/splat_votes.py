@@ -179,7 +179,7 @@ def tally(
     for camera, soft in zip(cameras, maps, strict=True):
         small = torch.from_numpy(_shrunk(soft, camera))
         shown = render(splats, camera, BLACK, sh_degree=0, threads=threads)
-        seen = backward(shown, torch.zeros_like(shown.image), pixel_map=small).seen
+        seen = backward(shown, torch.zeros_like(shown.image), pixel_map=small).observed
         weights.append(seen.weight.numpy().copy())
         totals.append(seen.weighted_map.numpy().copy())
     return Tally(np.stack(weights), np.stack(totals))

@@ -214,7 +214,7 @@ def score(
         "digests": {
             "renders": folder_digest(folder / "renders"),
             "splats": rendered.splats_sha256,
-            **_what_decides(folder, rendered),
+            **_scored_digests(folder, rendered),
         },
     }
     _write_json(folder / EVALUATION_FILE, evaluation)
@@ -229,7 +229,7 @@ def masks_that_scored(rendered: RenderedViews) -> Literal["exact", "pipeline", "
     return "both" if len(found) > 1 else "exact" if True in found else "pipeline"
 
 
-def _what_decides(folder: Path, rendered: RenderedViews) -> dict[str, str]:
+def _scored_digests(folder: Path, rendered: RenderedViews) -> dict[str, str]:
     """Return digests of the pixels that the scores of held-out views hang on: truth and masks."""
     shown = [view for view in rendered.views if view.split == "test"]
     return {

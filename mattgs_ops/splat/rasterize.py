@@ -60,7 +60,7 @@ class Rendering:
 
 
 @dataclass
-class Seen:
+class SplatStatistics:
     """What a pass back over the pixels saw of each splat."""
 
     means2d: Tensor  # [N, 2] dL/d projected centre, px
@@ -69,7 +69,7 @@ class Seen:
     weighted_map: Tensor  # [N] sum of blending weight times pixel_map
 
     @classmethod
-    def taken(cls, memory: Memory, count: int, *, statistics: bool) -> "Seen":
+    def taken(cls, memory: Memory, count: int, *, statistics: bool) -> "SplatStatistics":
         """Return uninitialised ones; without ``statistics`` all but ``means2d`` are empty."""
         kept = count if statistics else 0
         return cls(
@@ -94,12 +94,12 @@ class Gradients:
     opacity_logits: Tensor  # [N]
     sh_dc: Tensor  # [N, 3]
     sh_rest: Tensor  # [N, 15, 3]
-    seen: Seen
+    observed: SplatStatistics
 
     def tensors(self) -> dict[str, Tensor]:
         """Return all of them by name."""
-        parameters = {name: value for name, value in vars(self).items() if name != "seen"}
-        return parameters | vars(self.seen)
+        parameters = {name: value for name, value in vars(self).items() if name != "observed"}
+        return parameters | vars(self.observed)
 
 
 def render(
@@ -173,11 +173,11 @@ def backward(
     arrays = checked_pixels(rendering, grad_image, grad_alpha, pixel_map)
     memory = Unshared() if memory is None else memory
     grads = Splats(**{name: memory.take(f"d {name}", *t.shape) for name, t in splats.items()})
-    seen = Seen.taken(memory, len(splats), statistics=statistics)
+    observed = SplatStatistics.taken(memory, len(splats), statistics=statistics)
     rendering.engine.backward(
-        splat_arrays(splats), *arrays, splat_arrays(grads), seen.arrays(), statistics
+        splat_arrays(splats), *arrays, splat_arrays(grads), observed.arrays(), statistics
     )
-    return Gradients(**dict(grads.items()), seen=seen)
+    return Gradients(**dict(grads.items()), observed=observed)
 
 
 def checked_pixels(

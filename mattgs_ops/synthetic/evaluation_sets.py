@@ -105,7 +105,7 @@ def _render_set(one: EvaluationSet, out: Path, views: int, made: dict[str, objec
         for folder in ("images", "masks"):
             (out / folder).mkdir(parents=True, exist_ok=True)
         (out / "made.json").write_text(json.dumps(made) + "\n", encoding="utf-8")
-        shown = _Shown(one)
+        shown = _TracedSet(one)
         for k in wanted:
             _render_view(shown, poses[k], exposures[k], k, out, made)
     there = [k for k in range(WALK) if (out / "masks" / f"{k:04d}.jpg.png").exists()]
@@ -150,7 +150,7 @@ def _module(one: EvaluationSet) -> ModuleType:
     return import_module(f"mattgs_ops.synthetic.objects.{OBJECTS[one.thing]}")
 
 
-class _Shown:
+class _TracedSet:
     """A set's object on its ground, ready to be traced from a camera."""
 
     def __init__(self, one: EvaluationSet) -> None:
@@ -181,7 +181,7 @@ class _Shown:
 
 
 def _render_view(
-    shown: _Shown, pose: Array, stray: float, k: int, out: Path, made: dict[str, object]
+    shown: _TracedSet, pose: Array, stray: float, k: int, out: Path, made: dict[str, object]
 ) -> None:
     width, height, samples = (int(str(made[key])) for key in ("width", "height", "samples"))
     tracer = shown.tracer(pose)

@@ -131,13 +131,15 @@ class Tracer:
         out = np.array(mi.render(self.scene, sensor=sensor, integrator=integrator, seed=0))
         hit = np.isfinite(out).all(axis=2) & (np.abs(out[..., 3:6]).sum(axis=2) > 0)
         sheet = np.where(hit, np.floor(out[..., 1]), BACKGROUND).astype(np.int64)
-        own, part = self._what(sheet, np.rint(out[..., 0]).astype(np.int64), out[..., 1:3] % 1)
+        own, part = self._object_and_parts(
+            sheet, np.rint(out[..., 0]).astype(np.int64), out[..., 1:3] % 1
+        )
         coverage = own.reshape(height, GRID, width, GRID).mean(axis=(1, 3), dtype=np.float32)
         position = np.where(hit[..., None], out[..., 3:6], np.nan).astype(np.float32)
         centre = GRID // 2
         return Layers(coverage, _majority(part), position[centre::GRID, centre::GRID])
 
-    def _what(
+    def _object_and_parts(
         self, which: NDArray[np.int64], face: NDArray[np.int64], uv: NDArray[np.float32]
     ) -> tuple[NDArray[np.bool_], NDArray[np.uint8]]:
         """Return for each sample whether it shows the object, and which small structure."""

@@ -58,13 +58,13 @@ def identify(name: str, trainer: TrainerConfig) -> Identity:
     here = {"here": trainer.folder}
     environment = environment_of(trainer)
     command = [fill(part, here) for part in trainer.command]
-    files = [_found(name, command[0], environment)]
+    files = [_executable(name, command[0], environment)]
     files += [Path(part) for part in command[1:] if "{" not in part and Path(part).is_file()]
     digests = {path.name: file_digest(path) for path in files}
     if trainer.version is None:
         return Identity("", digests)
     asked = [fill(part, here) for part in trainer.version]
-    _found(name, asked[0], environment)
+    _executable(name, asked[0], environment)
     try:
         done = subprocess.run(
             asked,
@@ -95,7 +95,7 @@ def environment_of(trainer: TrainerConfig) -> dict[str, str]:
     return {**os.environ, **own}
 
 
-def _found(name: str, program: str, environment: Mapping[str, str]) -> Path:
+def _executable(name: str, program: str, environment: Mapping[str, str]) -> Path:
     path = shutil.which(program, path=environment.get("PATH"))
     if path is None:
         raise StageError(

@@ -96,15 +96,15 @@ def _points(found: Gallery, root: Path | None) -> dict[str, Points]:
     panels = {}
     if (train / START).is_file():
         with np.load(train / START) as start:
-            panels[START_TITLE] = _seen(camera, start["xyz"], start["kept"])
+            panels[START_TITLE] = _visible(camera, start["xyz"], start["kept"])
     if (train / PRUNED).is_file():
         with np.load(train / PRUNED) as pruned:
             none = np.zeros(len(pruned["xyz"]), np.bool_)
-            panels[LATER_TITLE] = _seen(camera, pruned["xyz"], none)
+            panels[LATER_TITLE] = _visible(camera, pruned["xyz"], none)
     return panels
 
 
-def _seen(camera: Camera, xyz: Floats, kept: NDArray[np.bool_]) -> Points:
+def _visible(camera: Camera, xyz: Floats, kept: NDArray[np.bool_]) -> Points:
     """Return pixels [P, 2] of the points in the frame, and which of them stayed."""
     i = camera.intrinsics
     xy, depth = camera.project(xyz.astype(np.float64))

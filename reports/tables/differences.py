@@ -80,7 +80,7 @@ def difference_tables(rows: Sequence[Row]) -> list[Table]:
 
 
 def _against(base: str, selected: Sequence[Cell]) -> Table | None:
-    metrics = _shown(selected)
+    metrics = _metrics_of(selected)
     groups: list[Group] = []
     by_method: dict[str, dict[tuple[str, str], Numbers]] = {}
     places = dict.fromkeys((cell.key.capture, cell.key.background) for cell in selected)
@@ -112,7 +112,7 @@ def _against(base: str, selected: Sequence[Cell]) -> Table | None:
     )
 
 
-def _shown(selected: Sequence[Cell]) -> tuple[str, ...]:
+def _metrics_of(selected: Sequence[Cell]) -> tuple[str, ...]:
     """Return the metrics of quality that the rows' protocol has."""
     second = parts_known([row for cell in selected for row in cell.finished])
     left_out = ("mask_ssim",) if second else PARTS

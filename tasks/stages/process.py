@@ -216,17 +216,17 @@ def _child(job: StageJob) -> int:
         operation(job.arguments, job.out, job.threads, status.progress)
     except MattgsError as error:
         traceback.print_exc()
-        _tell(job, "InputError" if isinstance(error, InputError) else "StageError", str(error))
+        _send(job, "InputError" if isinstance(error, InputError) else "StageError", str(error))
         return 1
     except Exception as error:
         traceback.print_exc()
         message = f"{job.title}: {type(error).__name__}: {error}; log: {job.log}"
-        _tell(job, "StageError", message)
+        _send(job, "StageError", message)
         return 1
     return 0
 
 
-def _tell(job: StageJob, kind: str, message: str) -> None:
+def _send(job: StageJob, kind: str, message: str) -> None:
     path = job.log.with_suffix(".verdict.json")
     path.write_text(json.dumps({"type": kind, "message": message}), encoding="utf-8")
 

@@ -60,7 +60,7 @@ class Attempt:
         ):
             seconds[name] = seconds.get(name, 0.0) + spent
 
-    def tell(self, name: str, done: int, total: int, note: str) -> None:
+    def report(self, name: str, done: int, total: int, note: str) -> None:
         """Report ``done`` of ``total`` units of a step."""
         units = round(UNITS * (self.start + SHARES[name] * done / max(total, 1)))
         self.progress(units, UNITS, f"{name}: {note}")
@@ -153,7 +153,7 @@ def _extract(state: Attempt) -> list[Features]:
             state.config,
             how,
             job.threads,
-            lambda done, total, note: state.tell("extract", done, total, note),
+            lambda done, total, note: state.report("extract", done, total, note),
         )
     if answer.mode == "masked" and not features.enough(found):
         answer.mode = "shared"
@@ -203,7 +203,7 @@ def _match(state: Attempt, found: Sequence[Features], cameras: Sequence[Any]) ->
             cameras,
             config.seed,
             job.threads,
-            lambda done, total, note: state.tell("match", done, total, note),
+            lambda done, total, note: state.report("match", done, total, note),
         )
     answer.pairs[name] = len(pairs)
     answer.matches[name] = sum(len(v.matches) for v in out.values())
@@ -233,7 +233,7 @@ def _guide(
             {n: mapping.rays_of(model, n, found[n].positions[rows[n]]) for n in cameras},
             cameras,
             state.job.threads,
-            lambda done, total, note: state.tell("guide", done, total, note),
+            lambda done, total, note: state.report("guide", done, total, note),
         )
     name = f"{name} guided"
     state.answer.pairs[name] = len(pairs)
@@ -267,7 +267,7 @@ def _reconstruct(state: Attempt, found: Sequence[Features]) -> Any:
         return model
     with state.step("triangulate"):
         mapping.write_database(database, job.views, cameras, positions, matches)
-        state.tell("triangulate", 0, 1, "points with poses held fixed")
+        state.report("triangulate", 0, 1, "points with poses held fixed")
         out = state.folder / "triangulated"
         return mapping.triangulate(model, database, photos, out, options)
 
@@ -276,7 +276,7 @@ def _map(state: Attempt, database: Path, photos: Path, options: Any, *, known: b
     views, out = len(state.job.views), state.folder / "mapped"
     with state.step("map"):
         if state.config.mapper == "global":
-            state.tell("map", 0, 1, "globally")
+            state.report("map", 0, 1, "globally")
             models = mapping.global_(database, photos, out, state.config, known=known)
         else:
             models = mapping.incremental(
@@ -285,7 +285,7 @@ def _map(state: Attempt, database: Path, photos: Path, options: Any, *, known: b
                 out,
                 options,
                 views,
-                lambda n: state.tell("map", n, views, f"{n} of {views} views registered"),
+                lambda n: state.report("map", n, views, f"{n} of {views} views registered"),
             )
         if models:
             mapping.adjust(models[0], intrinsics_known=known)

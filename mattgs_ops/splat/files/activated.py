@@ -93,7 +93,7 @@ def levels(values: Floats, top: int) -> Floats:
     return out
 
 
-def write_whole(path: Path, *parts: bytes) -> None:
+def write_atomically(path: Path, *parts: bytes) -> None:
     """Write a file that appears whole or not at all."""
     partial = path.with_name(path.name + ".part")
     with partial.open("wb") as file:

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mattgs_ops.splat.files.activated import Activated, Floats, activated, levels, write_whole
+from mattgs_ops.splat.files.activated import Activated, Floats, activated, levels, write_atomically
 from mattgs_ops.splat.gaussians import SH_REST, Splats
 
 CHUNK = 256  # splats
@@ -51,7 +51,7 @@ def write_compressed_ply(splats: Splats, path: Path) -> None:
         ],
         axis=1,
     )
-    write_whole(
+    write_atomically(
         path,
         _header(count, len(ranges[0])),
         np.concatenate(ranges, axis=1).astype("<f4").tobytes(),

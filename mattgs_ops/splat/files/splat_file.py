@@ -17,7 +17,7 @@ from mattgs_ops.splat.files.activated import (
     activated,
     levels,
     splats_of,
-    write_whole,
+    write_atomically,
 )
 from mattgs_ops.splat.gaussians import Splats
 
@@ -37,7 +37,7 @@ def write_splat(splats: Splats, path: Path) -> None:
     table["colour"][:, :3] = levels(found.colour * 255, 255)
     table["colour"][:, 3] = levels(found.alpha * 255, 255)
     table["rotation"] = levels(found.quaternions * 128 + 128, 255)
-    write_whole(path, table.tobytes())
+    write_atomically(path, table.tobytes())
 
 
 def read_splat(path: Path) -> Splats:

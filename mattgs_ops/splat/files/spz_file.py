@@ -28,7 +28,7 @@ from mattgs_ops.splat.files.activated import (
     activated,
     levels,
     splats_of,
-    write_whole,
+    write_atomically,
 )
 from mattgs_ops.splat.gaussians import SH_REST, Splats
 
@@ -52,7 +52,7 @@ def write_spz(splats: Splats, path: Path) -> None:
     header = HEADER.pack(MAGIC, VERSION, len(found.means), DEGREE, bits, 0, 0)
     parts = (header, _positions(found.means, bits), *_bytes(found))
     # without a date, so that the same splats are the same file
-    write_whole(path, gzip.compress(b"".join(parts), compresslevel=6, mtime=0))
+    write_atomically(path, gzip.compress(b"".join(parts), compresslevel=6, mtime=0))
 
 
 def _fraction_bits(farthest: float, path: Path) -> int:

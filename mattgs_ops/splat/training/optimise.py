@@ -13,7 +13,7 @@ from torch import Tensor
 from mattgs_ops.errors import StageError
 from mattgs_ops.splat.gaussians import SHAPES, Splats
 from mattgs_ops.splat.memory import Memory, Unshared
-from mattgs_ops.splat.rasterize import Rendering, Seen, checked_pixels, splat_arrays
+from mattgs_ops.splat.rasterize import Rendering, SplatStatistics, checked_pixels, splat_arrays
 
 FIELDS = tuple(SHAPES)
 BETAS = (0.9, 0.999)
@@ -51,7 +51,7 @@ class Adam:
         statistics: bool = False,
         penalties: tuple[float, float] = (0.0, 0.0),
         memory: Memory | None = None,
-    ) -> Seen:
+    ) -> SplatStatistics:
         """Go back from a rendering and move its splats by one step, in place.
 
         As :func:`~mattgs_ops.splat.rasterize.backward` and then a step of Adam, with one learning
@@ -63,7 +63,7 @@ class Adam:
         splats = rendering.splats
         pixels = checked_pixels(rendering, grad_image, grad_alpha, pixel_map)
         memory = Unshared() if memory is None else memory
-        seen = Seen.taken(memory, len(splats), statistics=statistics)
+        observed = SplatStatistics.taken(memory, len(splats), statistics=statistics)
         self.steps += 1
         broken = rendering.engine.descend(
             splat_arrays(splats),
@@ -73,13 +73,13 @@ class Adam:
             [rates[name] for name in FIELDS],
             (*BETAS, EPSILON, *penalties),
             self.steps,
-            seen.arrays(),
+            observed.arrays(),
             statistics,
         )
         if broken:
             names = ", ".join(f"`{name}`" for i, name in enumerate(FIELDS) if broken >> i & 1)
             raise StageError(f"the gradient of {names} is not finite")
-        return seen
+        return observed
 
     def keep(self, index: Tensor) -> None:
         """Follow :func:`select`."""

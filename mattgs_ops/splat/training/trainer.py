@@ -31,7 +31,7 @@ from mattgs_ops.splat.photos import (
     recolour,
     unit_range,
 )
-from mattgs_ops.splat.rasterize import Rendering, Seen, render
+from mattgs_ops.splat.rasterize import Rendering, SplatStatistics, render
 from mattgs_ops.splat.ssim import photometric_loss, psnr
 from mattgs_ops.splat.training.checkpoint import TrainingState
 from mattgs_ops.splat.training.initialise import StartingPoints
@@ -147,10 +147,10 @@ class Trainer:
             through = exposures.descend(index, rendering, colour, grad, step)
             grad, grad_alpha = through.image, through.with_alpha(grad_alpha)
         try:
-            seen = self._descend(state, index, rendering, grad, grad_alpha)
+            observed = self._descend(state, index, rendering, grad, grad_alpha)
         except StageError as error:
             raise StageError(f"step {step}: {error}") from error
-        self.strategy.after_step(state, step, seen, rendering)
+        self.strategy.after_step(state, step, observed, rendering)
         state.step = step
         return StepResult(total, loss.plain_l1, loss.ssim, shown, target)
 
@@ -161,7 +161,7 @@ class Trainer:
         rendering: Rendering,
         grad: Tensor,
         grad_alpha: Tensor | None,
-    ) -> Seen:
+    ) -> SplatStatistics:
         """Move the splats, with the sums per splat that the method needs and no others."""
         method, step = self.method, state.step + 1
         blends = method.wants_blending and self.schedule.observes(step)

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from mattgs_ops.object_masks.doubts import found, of_exposure
+from mattgs_ops.object_masks.doubts import of_exposure, of_masks
 from mattgs_ops.segment.mask_report import MaskReport, ViewReport
 
 GOOD = {"silhouettes": 0.8, "votes": 0.9, "overlap": {"a": 0.9, "b": 0.7}}
@@ -16,9 +16,9 @@ def report(flags: tuple[tuple[str, ...], ...] = ((), (), ()), source: str = "u2n
 
 
 def test_masks_that_agree_are_not_in_doubt() -> None:
-    assert found(report(), {"agreement": GOOD, "dropped": []}) == []
-    assert found(report(), {}) == []
-    assert found(report((("frame",), (), ())), {"agreement": GOOD}) == []
+    assert of_masks(report(), {"agreement": GOOD, "dropped": []}) == []
+    assert of_masks(report(), {}) == []
+    assert of_masks(report((("frame",), (), ())), {"agreement": GOOD}) == []
 
 
 @pytest.mark.parametrize(
@@ -32,28 +32,28 @@ def test_masks_that_agree_are_not_in_doubt() -> None:
 def test_masks_that_contradict_each_other_or_the_network(
     change: dict[str, object], words: str
 ) -> None:
-    (doubt,) = found(report(), {"agreement": GOOD | change})
+    (doubt,) = of_masks(report(), {"agreement": GOOD | change})
     assert doubt.serious
     assert re.search(words, doubt.text)
 
 
 def test_maps_that_share_no_object() -> None:
     none = {"none": "the photos' maps share no object"}
-    assert [doubt.serious for doubt in found(report(), {"agreement": none})] == [True]
+    assert [doubt.serious for doubt in of_masks(report(), {"agreement": none})] == [True]
     given = {"none": "masks are given, nothing to vote on"}
-    assert found(report(), {"agreement": given}) == []
+    assert of_masks(report(), {"agreement": given}) == []
 
 
 def test_masks_that_cover_the_frame_unless_they_are_meant_to() -> None:
     flags = (("frame",), ("full", "frame"), ())
-    (doubt,) = found(report(flags), {"agreement": GOOD})
+    (doubt,) = of_masks(report(flags), {"agreement": GOOD})
     assert doubt.serious
     assert "2 of 3 photos" in doubt.text
-    assert found(report(flags, source="none"), {}) == []
+    assert of_masks(report(flags, source="none"), {}) == []
 
 
 def test_a_dropped_view_is_told_and_no_reason_for_doubt() -> None:
-    (doubt,) = found(report(), {"agreement": GOOD, "dropped": ["7.jpg"]})
+    (doubt,) = of_masks(report(), {"agreement": GOOD, "dropped": ["7.jpg"]})
     assert not doubt.serious
     assert "7.jpg" in doubt.text
 

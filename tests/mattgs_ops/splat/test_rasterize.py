@@ -72,11 +72,11 @@ def check_against_reference(splats: Splats, view: Camera, degree: int) -> None:
     weights, shift = reference.weights.detach(), reference.shift.grad
     if shift is None:
         shift = torch.zeros_like(reference.shift)
-    assert_close("means2d", grads.seen.means2d, shift.sum((1, 2)))
-    assert_close("means2d_abs", grads.seen.means2d_abs, shift.abs().sum((1, 2)))
-    assert_close("weight", grads.seen.weight, weights.sum((1, 2)).double())
+    assert_close("means2d", grads.observed.means2d, shift.sum((1, 2)))
+    assert_close("means2d_abs", grads.observed.means2d_abs, shift.abs().sum((1, 2)))
+    assert_close("weight", grads.observed.weight, weights.sum((1, 2)).double())
     assert_close(
-        "weighted_map", grads.seen.weighted_map, (weights * pixel_map).sum((1, 2)).double()
+        "weighted_map", grads.observed.weighted_map, (weights * pixel_map).sum((1, 2)).double()
     )
 
 
@@ -146,9 +146,12 @@ def test_without_statistics_the_gradients_are_the_same() -> None:
     grads = backward(render(splats, view, BACKGROUND), grad_image, grad_alpha, statistics=False)
     for name in SHAPES:
         assert torch.equal(getattr(grads, name), getattr(expected, name))
-    assert torch.equal(grads.seen.means2d, expected.seen.means2d)
+    assert torch.equal(grads.observed.means2d, expected.observed.means2d)
     assert (
-        len(grads.seen.means2d_abs) == len(grads.seen.weight) == len(grads.seen.weighted_map) == 0
+        len(grads.observed.means2d_abs)
+        == len(grads.observed.weight)
+        == len(grads.observed.weighted_map)
+        == 0
     )
 
 

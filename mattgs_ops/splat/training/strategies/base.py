@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 
 from mattgs_ops.splat.gaussians import Splats
-from mattgs_ops.splat.rasterize import Rendering, Seen
+from mattgs_ops.splat.rasterize import Rendering, SplatStatistics
 from mattgs_ops.splat.training.checkpoint import TrainingState
 
 
@@ -15,7 +15,9 @@ class Strategy(ABC):
         """Tell whether ``step`` must sum absolute gradients and blending weights per splat."""
 
     @abstractmethod
-    def after_step(self, state: TrainingState, step: int, seen: Seen, rendering: Rendering) -> None:
+    def after_step(
+        self, state: TrainingState, step: int, observed: SplatStatistics, rendering: Rendering
+    ) -> None:
         """Change the splats of ``state`` after Adam has moved them."""
 
     def penalties(self, count: int) -> tuple[float, float]:

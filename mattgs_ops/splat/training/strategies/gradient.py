@@ -18,7 +18,7 @@ from mattgs_ops.errors import StageError
 from mattgs_ops.frozen import Background
 from mattgs_ops.method import MethodConfig
 from mattgs_ops.splat.photos import Floats
-from mattgs_ops.splat.rasterize import Rendering, Seen
+from mattgs_ops.splat.rasterize import Rendering, SplatStatistics
 from mattgs_ops.splat.training.checkpoint import TrainingState
 from mattgs_ops.splat.training.densify import (
     Record,
@@ -56,23 +56,27 @@ class GradientStrategy(Strategy):
         return wanted and self._schedule.observes(step)
 
     @override
-    def after_step(self, state: TrainingState, step: int, seen: Seen, rendering: Rendering) -> None:
+    def after_step(
+        self, state: TrainingState, step: int, observed: SplatStatistics, rendering: Rendering
+    ) -> None:
         """Observe; densify and reset opacities where that is due."""
         if self._schedule.observes(step):
-            self._observe(state, seen, rendering)
+            self._observe(state, observed, rendering)
         if self._schedule.densifies(step):
             self._densify(state, step)
         if self._schedule.resets(step):
             reset_opacity(state.splats, state.adam)
 
-    def _observe(self, state: TrainingState, seen: Seen, rendering: Rendering) -> None:
+    def _observe(
+        self, state: TrainingState, observed: SplatStatistics, rendering: Rendering
+    ) -> None:
         """Note what this step saw of each splat, for the next densification."""
         height, width = rendering.alpha.shape
-        means2d = seen.means2d_abs if self._method.densify == "absolute" else seen.means2d
+        means2d = observed.means2d_abs if self._method.densify == "absolute" else observed.means2d
         state.record.observe(means2d, rendering.radii, width, height)
         if self._method.wants_blending:
-            state.record.weight += seen.weight
-            state.record.attention += seen.weighted_map
+            state.record.weight += observed.weight
+            state.record.attention += observed.weighted_map
 
     def _densify(self, state: TrainingState, step: int) -> None:
         if self._schedule.settled(step):

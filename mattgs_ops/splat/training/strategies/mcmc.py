@@ -22,7 +22,7 @@ from typing_extensions import override
 from mattgs_ops.config import TrainConfig
 from mattgs_ops.method import McmcConfig
 from mattgs_ops.splat.gaussians import Splats
-from mattgs_ops.splat.rasterize import Rendering, Seen
+from mattgs_ops.splat.rasterize import Rendering, SplatStatistics
 from mattgs_ops.splat.training.checkpoint import TrainingState
 from mattgs_ops.splat.training.densify import Record, logit, rotation_matrices
 from mattgs_ops.splat.training.optimise import FIELDS, Adam, concatenate, select
@@ -51,7 +51,9 @@ class McmcStrategy(Strategy):
         return False
 
     @override
-    def after_step(self, state: TrainingState, step: int, seen: Seen, rendering: Rendering) -> None:
+    def after_step(
+        self, state: TrainingState, step: int, observed: SplatStatistics, rendering: Rendering
+    ) -> None:
         """Relocate and add where that is due, then shake every centre."""
         rng = state.streams["mcmc"]
         if self._schedule.densifies(step):

@@ -52,7 +52,7 @@ def test_a_descent_sees_what_a_pass_back_sees() -> None:
     rendering = render(splats, view, WHITE)
     attention = torch.rand(33, 40, generator=torch.Generator().manual_seed(1))
     grad = upstream(view, 0)
-    expected = backward(rendering, grad, pixel_map=attention).seen
+    expected = backward(rendering, grad, pixel_map=attention).observed
     found = Adam(splats).descend(rendering, grad, RATES, pixel_map=attention, statistics=True)
     for name, tensor in vars(expected).items():
         assert torch.equal(getattr(found, name), tensor), name

@@ -17,7 +17,7 @@ from mattgs_ops.method import MethodConfig
 from mattgs_ops.splat.files.ply import read_ply
 from mattgs_ops.splat.files.training_report import TrainingReport
 from mattgs_ops.splat.photos import load_view
-from mattgs_ops.splat.rasterize import Seen, render
+from mattgs_ops.splat.rasterize import SplatStatistics, render
 from mattgs_ops.splat.ssim import PhotometricLoss
 from mattgs_ops.splat.training import schedule as schedule_module
 from mattgs_ops.splat.training import trainer as trainer_module
@@ -78,7 +78,7 @@ def test_rates_fall_where_the_schedule_says(run: Train, monkeypatch: pytest.Monk
     used: list[Mapping[str, float]] = []
     honest = Adam.descend
 
-    def descend(adam: Adam, *args: Any, **options: Any) -> Seen:
+    def descend(adam: Adam, *args: Any, **options: Any) -> SplatStatistics:
         used.append(args[2])
         return honest(adam, *args, **options)
 

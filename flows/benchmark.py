@@ -21,7 +21,6 @@ from flows.services.report_server import report_address
 from mattgs_ops.config import BenchmarkConfig, CaptureConfig
 from mattgs_ops.errors import MattgsError
 from mattgs_ops.naming import slug
-from reports.page.build import build
 from tasks import prefect_tasks as run
 from tasks.measure import Speed, with_speed
 from tasks.registry.live_curves import Expected, following
@@ -78,6 +77,9 @@ def benchmark(
     if dashboard is not None:
         publish_dashboard(config.name, dashboard)
     chains = [chain for capture in config.captures for chain in _submit(place, capture, config)]
+    # takes seconds to import (torch, Matplotlib), while the workers have begun
+    from reports.page.build import build
+
     run_log = RunLog()
     outcomes: list[Outcome] = []
     recorded: list[Row] = []

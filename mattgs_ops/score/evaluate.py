@@ -27,7 +27,8 @@ from mattgs_ops.errors import InputError, StageError
 from mattgs_ops.progress import Progress, no_progress
 from mattgs_ops.score.haze import haze_map
 from mattgs_ops.score.lpips import Lpips
-from mattgs_ops.score.metrics import IMAGE_METRICS, METRICS, SSIM_REACH, score_view
+from mattgs_ops.score.metric_table import IMAGE_METRICS, METRICS
+from mattgs_ops.score.metrics import SSIM_REACH, score_view
 from mattgs_ops.splat.attention import paper_attention
 from mattgs_ops.splat.files.ply import read_ply
 from mattgs_ops.splat.photos import WHITE, Colour, load_truth

@@ -13,8 +13,6 @@ from dataclasses import dataclass
 from math import exp, isfinite, log
 from statistics import fmean
 
-from scipy.interpolate import PchipInterpolator
-
 from reports.rows import statistics
 from reports.rows.schema import Cell, CellKey, Row, cells, key_of
 from reports.rows.statistics import Interval
@@ -120,6 +118,8 @@ def gap(curve: Sequence[Point], base: Sequence[Point]) -> Gap:
 def _from_curve(point: Point, base: Sequence[Point]) -> Gap:
     """Return how far one point lies from a curve; None beyond the curve's ends."""
     along, decibels = [log(cost) for cost, _ in base], [quality for _, quality in base]
+    from scipy.interpolate import PchipInterpolator  # takes a second, and few reports have budgets
+
     mine = log(point[0])
     cost = quality = None
     if along[0] <= mine <= along[-1]:

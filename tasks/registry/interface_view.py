@@ -7,7 +7,7 @@ ending in :data:`QUERY` opens ours. Interfaces that do not know a part of it ign
 import json
 from typing import Any
 
-from mattgs_ops.score.metrics import METRICS
+from mattgs_ops.score.metric_table import METRICS
 
 KEY, NAME = "mattgs", "Benchmark"
 QUERY = f"viewStateShareKey={KEY}"

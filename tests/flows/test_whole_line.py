@@ -21,7 +21,7 @@ from flows.cli.arguments import DEFAULT_OUT
 from mattgs_ops.capture.scene import Scene
 from mattgs_ops.config import CONDITIONS, Condition
 from mattgs_ops.score import evaluate
-from mattgs_ops.score.metrics import METRICS
+from mattgs_ops.score.metric_table import METRICS
 from mattgs_ops.splat.files.ply import write_ply
 from mattgs_ops.splat.photos import store_views
 from mattgs_ops.splat.training.initialise import initial_splats, starting_points

@@ -3,7 +3,7 @@
 import hashlib
 from typing import Any
 
-from mattgs_ops.score.metrics import METRICS
+from mattgs_ops.score.metric_table import METRICS
 from tasks.registry.content.about import About
 
 NOTE_TAG = "mlflow.note.content"  # what the interface shows as a run's description

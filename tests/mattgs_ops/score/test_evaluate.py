@@ -13,7 +13,8 @@ from mattgs_ops.capture.scene import Scene
 from mattgs_ops.config import Condition
 from mattgs_ops.errors import InputError, StageError
 from mattgs_ops.score.evaluate import RenderedViews, render_views, score
-from mattgs_ops.score.metrics import METRICS, PSNR_CEILING
+from mattgs_ops.score.metric_table import METRICS
+from mattgs_ops.score.metrics import PSNR_CEILING
 from mattgs_ops.splat.files.ply import write_ply
 from mattgs_ops.splat.rasterize import render
 from tests.mattgs_ops.score.conftest import (

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from mattgs_ops.errors import InputError
-from mattgs_ops.score.metrics import METRICS
+from mattgs_ops.score.metric_table import METRICS
 from reports.rows import columns
 from reports.tables import formats, paper, side_tables, tables
 

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from mattgs_ops.score.metrics import METRICS
+from mattgs_ops.score.metric_table import METRICS
 from tasks.registry import interface_view, runs
 from tasks.row import SCHEMA
 

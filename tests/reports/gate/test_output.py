@@ -1,4 +1,4 @@
-"""What the gate prints and writes, and its check of itself."""
+"""What the gate prints and writes."""
 
 import json
 from pathlib import Path
@@ -8,12 +8,11 @@ import jsonschema
 import pytest
 from PIL import Image
 
-from mattgs_ops.errors import InputError
-from reports.gate import output, pictures, self_check
+from reports.gate import output, pictures
 from reports.gate.compare import compare
 from reports.gate.findings import ALL_CELLS, Finding, Verdict
 from reports.rows import statistics
-from tests.reports.gate.conftest import SCHEMA, Rows, changed, jittered, poison, shift_views
+from tests.reports.gate.conftest import SCHEMA, Rows, changed, poison, shift_views
 
 
 def test_json_follows_its_schema(old: Rows) -> None:
@@ -54,29 +53,6 @@ def test_a_quiet_gate_says_how_well_it_sees_and_no_more(old: Rows) -> None:
     first, second = output.terminal(compare(old, old)).splitlines()
     assert first.startswith("Gate: pass.")
     assert second.startswith("A loss in all cells would be named from: PSNR 0.10 dB, ")
-
-
-def test_the_self_check_trusts_the_gate_on_quiet_rows(old: Rows) -> None:
-    runs = [jittered(old, seed=seed) for seed in (2, 3, 4)]
-    result = self_check.self_check(runs, comparisons=20)
-    assert result.trusted
-    assert result == self_check.self_check(runs, comparisons=20)
-    assert "the gate may be trusted" in self_check.markdown(result)
-
-
-def test_the_self_check_does_not_trust_it_on_rows_that_jump(old: Rows) -> None:
-    runs = [jittered(old, 1.0, seed=seed) for seed in (2, 3)]
-    wild = self_check.self_check(runs, comparisons=12)
-    assert wild.resampled.false_alarms.share < 0.1
-    assert not wild.trusted
-    assert "may not be trusted" in self_check.markdown(wild)
-
-
-def test_a_self_check_needs_two_runs_of_the_same_grid(old: Rows) -> None:
-    with pytest.raises(InputError, match="same finished experiments"):
-        self_check.self_check([old, old[1:]])
-    with pytest.raises(InputError, match="two runs or more"):
-        self_check.self_check([old])
 
 
 def test_findings_know_how_bad_they_are() -> None:

@@ -12,7 +12,7 @@ from collections import defaultdict
 from pathlib import Path
 from statistics import median
 
-STAGES = ("prepare", "segment", "sfm", "train", "evaluate", "measure")
+STAGES = ("prepare", "segment", "sfm", "train", "truth", "evaluate", "measure")
 
 
 def main() -> None:

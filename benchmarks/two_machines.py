@@ -238,9 +238,9 @@ def _print_stages(folder: Path, trainings: int) -> bool:
 
     from tasks.registry import runs
 
-    print("| machine | prepare | segment | sfm | train | evaluate | measure |")
-    print("|---|--:|--:|--:|--:|--:|--:|")
-    stages = ("prepare", "segment", "sfm", "train", "evaluate", "measure")
+    print("| machine | prepare | segment | sfm | train | truth | evaluate | measure |")
+    print("|---|--:|--:|--:|--:|--:|--:|--:|")
+    stages = ("prepare", "segment", "sfm", "train", "truth", "evaluate", "measure")
     for name in NAMES:
         counts = [len(list((folder / name).glob(f"logs/{stage}-*.log"))) for stage in stages]
         print(f"| {name} | {' | '.join(str(count) for count in counts)} |")

@@ -18,7 +18,7 @@ from flows.grid import cells
 from flows.prefect_ui.artifacts import ProgressBar, publish_dashboard, publish_results
 from flows.services.dask_cluster import needed
 from flows.services.report_server import report_address
-from mattgs_ops.config import BenchmarkConfig, CaptureConfig
+from mattgs_ops.config import BenchmarkConfig, CaptureConfig, Condition
 from mattgs_ops.errors import MattgsError
 from mattgs_ops.naming import slug
 from tasks import prefect_tasks as run
@@ -183,6 +183,8 @@ def _wait(place: Place, chain: Chain) -> Outcome:
             made = future.result()
             place.folder(made)  # brings it here from where it was made
             outcome.artifacts[name] = made
+            if name == "evaluate":  # which has seen to it, perhaps on another machine
+                _end_truth(place, chain.cell)
             status_file.end_elsewhere(
                 f"{name} {owner}", name, "cached" if made.cached else "done", made.seconds
             )
@@ -191,6 +193,12 @@ def _wait(place: Place, chain: Chain) -> Outcome:
             status_file.end_elsewhere(f"{name} {owner}", name, "failed", 0.0, reason)
             return replace(outcome, reason=reason)
     return outcome
+
+
+def _end_truth(place: Place, cell: Cell) -> None:
+    """Say that what the cell's renders were compared with is there."""
+    title = f"truth {cell.capture} {Condition.parse(cell.condition).background}"
+    StatusFile(place.status / f"{slug(title)}.json").end_elsewhere(title, "truth", "done", 0.0)
 
 
 def command() -> str:

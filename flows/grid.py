@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from mattgs_ops.config import BenchmarkConfig
+from mattgs_ops.config import BenchmarkConfig, Condition
 from tasks.stages.stage import Cell
 
 
@@ -20,6 +20,8 @@ def stages(config: BenchmarkConfig) -> Iterator[tuple[str, str]]:
     for capture in config.captures:
         for kind in ("prepare", "segment", "sfm", *votes):
             yield kind, f"{kind} {capture.name}"
+        for background in dict.fromkeys(Condition.parse(c).background for c in config.conditions):
+            yield "truth", f"truth {capture.name} {background}"
         for cell in cells(config, capture.name):
             yield "train", f"train {cell}"
             yield "evaluate", f"evaluate {cell}"

@@ -24,6 +24,7 @@ STYLES: dict[State, str] = {
 }
 OF_A_CAPTURE = ("prepare", "segment", "sfm", "agree")
 OF_AN_EXPERIMENT = ("train", "evaluate")
+TRUTH = "truth"  # once per capture and background
 SPEED = "measure"  # once per capture, last
 NARROWEST = 100  # columns, where no terminal says how wide it is
 
@@ -72,7 +73,9 @@ def experiments(stages: list[Status]) -> list[Progress]:
         capture = name.partition(" ")[0]
         titles = {kind: f"{kind} {capture}" for kind in (*OF_A_CAPTURE, SPEED)}
         titles |= {kind: f"{kind} {name}" for kind in OF_AN_EXPERIMENT}
-        order = (*OF_A_CAPTURE, *OF_AN_EXPERIMENT, SPEED)
+        background = name.partition(" ")[2].partition("-")[0]
+        titles[TRUTH] = f"{TRUTH} {capture} {background}"
+        order = (*OF_A_CAPTURE, OF_AN_EXPERIMENT[0], TRUTH, *OF_AN_EXPERIMENT[1:], SPEED)
         stages_of_one = {kind: by_title[titles[kind]] for kind in order if titles[kind] in by_title}
         result.append(Progress(name, stages_of_one))
     return result

@@ -17,7 +17,8 @@ TYPICAL = {
     "sfm": 50.0,
     "agree": 40.0,
     "train": 25.0,
-    "evaluate": 2.5,
+    "truth": 1.0,
+    "evaluate": 2.0,
     "measure": 10.0,
 }
 ALONE = ("measure",)  # runs while nothing else does

@@ -5,6 +5,8 @@
     renders/{test,train}/NAME.png   truth/{test,train}/NAME.png   masks/{test,train}/NAME.png
     [details/test/NAME.png]   [haze/test/NAME.png]   views.json
 
+Truth, masks and details come from :mod:`truth`, by link where they are stored already.
+
 :func:`score` reads those files and nothing else, and writes ``evaluation.json``: so what was
 scored can be looked at, and scored again. Test views that structure-from-motion could not place
 are listed as missing, never left out in silence. :mod:`speed` measures speed apart.
@@ -16,22 +18,31 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from mattgs_ops.capture.scene import Scene, Split
+from mattgs_ops.capture.camera import Camera
+from mattgs_ops.capture.scene import Scene, Split, View
 from mattgs_ops.config import Condition
-from mattgs_ops.errors import InputError, StageError
+from mattgs_ops.errors import InputError
+from mattgs_ops.frozen import Background
 from mattgs_ops.progress import Progress, no_progress
 from mattgs_ops.score.haze import haze_map
 from mattgs_ops.score.lpips import Lpips
 from mattgs_ops.score.metric_table import IMAGE_METRICS, METRICS
 from mattgs_ops.score.metrics import SSIM_REACH, score_view
+from mattgs_ops.score.truth import (
+    StoredTruth,
+    TruthView,
+    as_bytes,
+    link_truth,
+    save_png,
+    store_truth,
+)
 from mattgs_ops.splat.attention import paper_attention
 from mattgs_ops.splat.files.ply import read_ply
-from mattgs_ops.splat.photos import WHITE, Colour, load_truth
+from mattgs_ops.splat.photos import WHITE, Colour, size_at
 from mattgs_ops.splat.render import render_view
 from mattgs_ops.store.digests import file_digest, folder_digest, pixels_digest
 
@@ -39,26 +50,14 @@ SCHEMA = 1
 BYTES_PER_MB = 1e6  # size_mb is in megabytes, not mebibytes
 VIEWS_FILE = "views.json"
 EVALUATION_FILE = "evaluation.json"
-PNG_EFFORT = 1
 MASK_THRESHOLD = 128  # of 255: a pixel is object when at least half of it is
-# of a pixel: a wire rarely fills half of one, see docs/captures.md on id maps
-DETAIL_SHARE = 0.25
 SPLITS: tuple[Split, ...] = get_args(Split)
 
 
 @dataclass(frozen=True)
-class RenderedView:
-    """One view on disk; ``masked``: it has a mask; ``detailed``: its small structures are known.
+class RenderedView(TruthView):
+    """One view on disk; ``hazed``: what hangs in the air before the camera is known."""
 
-    ``exact``: the mask is the one that came with the capture, not the pipeline's. ``hazed``: what
-    hangs in the air before the camera is known.
-    """
-
-    name: str
-    split: Split
-    masked: bool
-    detailed: bool = False
-    exact: bool = False
     hazed: bool = False
 
 
@@ -106,6 +105,7 @@ def render_views(
     out: Path,
     *,
     background: Colour = WHITE,
+    truth: Path | None = None,
     train_every: int = 1,
     threads: int = 1,
     progress: Progress = no_progress,
@@ -113,38 +113,26 @@ def render_views(
     """Render all registered test views, and every ``train_every``-th training view, into ``out``.
 
     ``resolution`` is the longest side in pixels. ``background`` is the colour that ``original``
-    was trained over; ``nobg`` is always shown over white, as its truth is. Raises
-    :class:`StageError` when no test view has a camera.
+    was trained over; ``nobg`` is always shown over white, as its truth is. ``truth`` is a folder of
+    :func:`store_truth`, made with the same settings; without one it is stored in ``out``. Raises
+    :class:`StageError` when no test view has a camera, :class:`InputError` for another truth.
     """
     shown: Colour = WHITE if condition.background == "nobg" else background
-    chosen = [*scene.registered("test"), *scene.registered("train")[::train_every]]
-    usable = {view.name for view in scene.registered("test")}
-    missing = tuple(v.name for v in scene.views if v.split == "test" and v.name not in usable)
-    if not usable:
-        raise StageError(
-            f"scene {scene.name}: expected test views with a camera, found none of {len(missing)}"
-        )
+    stored = _stored_truth(scene, condition.background, resolution, train_every, truth, out)
     splats, points = read_ply(splats_ply), scene.points().xyz
+    by_name = {view.name: view for view in scene.views}
     rendered = []
-    for index, view in enumerate(chosen):
-        target = load_truth(view, condition.background, resolution)
-        masked = view.mask is not None or view.coverage is not None
-        pixels = render_view(splats, target.camera, shown, threads=threads)
-        _save(out / "renders" / view.split / f"{view.name}.png", pixels)
-        _save(out / "truth" / view.split / f"{view.name}.png", _bytes(target.image))
-        if masked:
-            _save(out / "masks" / view.split / f"{view.name}.png", _bytes(target.mask))
-        if view.ids is not None:
-            details = _details(view.ids, target.mask.shape)
-            _save(out / "details" / view.split / f"{view.name}.png", details)
+    for index, view in enumerate(stored.views):
+        camera = _camera(by_name[view.name], resolution)
+        place = Path(view.split) / f"{view.name}.png"
+        save_png(out / "renders" / place, render_view(splats, camera, shown, threads=threads))
         haze = None
         if view.split == "test":
-            haze = haze_map(splats, target.camera, points, threads=threads)
+            haze = haze_map(splats, camera, points, threads=threads)
         if haze is not None:
-            _save(out / "haze" / view.split / f"{view.name}.png", _bytes(haze))
-        known = masked, view.ids is not None, view.coverage is not None, haze is not None
-        rendered.append(RenderedView(view.name, view.split, *known))
-        progress(index + 1, len(chosen), f"{view.name} rendered")
+            save_png(out / "haze" / place, as_bytes(haze))
+        rendered.append(RenderedView(**asdict(view), hazed=haze is not None))
+        progress(index + 1, len(stored.views), f"{view.name} rendered")
     result = RenderedViews(
         schema=SCHEMA,
         condition=str(condition),
@@ -152,13 +140,44 @@ def render_views(
         background=shown,
         train_every=train_every,
         views=tuple(rendered),
-        missing=missing,
+        missing=stored.missing,
         splats=len(splats),
         size_bytes=splats_ply.stat().st_size,
         splats_sha256=file_digest(splats_ply),
     )
     result.save(out)
     return result
+
+
+def _stored_truth(
+    scene: Scene,
+    background: Background,
+    resolution: int,
+    train_every: int,
+    folder: Path | None,
+    out: Path,
+) -> StoredTruth:
+    """Return what the renders are compared with, once it lies in ``out``."""
+    if folder is None:
+        return store_truth(scene, background, resolution, out, train_every=train_every)
+    stored = link_truth(folder, out)
+    wanted, found = (
+        (background, resolution, train_every),
+        (stored.background, stored.resolution, stored.train_every),
+    )
+    if found != wanted:
+        raise InputError(
+            f"{folder}: expected truth of background, resolution and share of training views "
+            f"{wanted}, found {found}"
+        )
+    return stored
+
+
+def _camera(view: View, resolution: int) -> Camera:
+    """Return the camera of a registered view at a resolution, as its truth has it."""
+    if view.camera is None:
+        raise InputError(f"view {view.name}: expected a camera, found none (not registered)")
+    return view.camera.scaled(*size_at(view.width, view.height, resolution))
 
 
 def score(
@@ -258,14 +277,6 @@ def _score_one(
     return {"view": view.name, "split": view.split, **scores}
 
 
-def _details(ids: Path, shape: tuple[int, ...]) -> NDArray[np.uint8]:
-    """Return where small structures are, 255, in an image of ``shape`` [H, W]."""
-    with Image.open(ids) as stored:
-        small = (np.asarray(stored.convert("L")) > 0).astype(np.float32)
-    share = cv2.resize(small, (shape[1], shape[0]), interpolation=cv2.INTER_AREA)
-    return np.where(share >= DETAIL_SHARE, 255, 0).astype(np.uint8)
-
-
 def _read(
     folder: Path, kind: str, view: RenderedView, mode: Literal["RGB", "L"]
 ) -> NDArray[np.uint8]:
@@ -278,16 +289,6 @@ def _read(
             return pixels
     except OSError as error:
         raise InputError(f"{path}: expected a stored render: {error}") from error
-
-
-def _save(path: Path, pixels: NDArray[np.uint8]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    Image.fromarray(pixels).save(path, compress_level=PNG_EFFORT)
-
-
-def _bytes(values: NDArray[np.float32]) -> NDArray[np.uint8]:
-    pixels: NDArray[np.uint8] = np.rint(values * np.float32(255)).astype(np.uint8)
-    return pixels
 
 
 def _write_json(path: Path, document: Mapping[str, Any] | Sequence[Any]) -> None:

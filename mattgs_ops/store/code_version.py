@@ -47,6 +47,7 @@ STAGES: dict[str, tuple[str, ...]] = {
     "evaluate": ("mattgs_ops.score.evaluate",),
     "measure": ("mattgs_ops.score.speed", "mattgs_ops.timing.calibration"),
 }
+TRUTH = ("mattgs_ops.score.truth",)  # what renders are compared with
 TRAINERS = ("mattgs_ops.trainers",)  # behind trainings by other programs
 
 

@@ -20,7 +20,7 @@ from mattgs_ops.config import RunConfig
 from mattgs_ops.errors import StageError
 from mattgs_ops.naming import slug
 from mattgs_ops.store import provenance
-from mattgs_ops.store.code_version import STAGES, TRAINERS, code_version, digest_modules
+from mattgs_ops.store.code_version import STAGES, TRAINERS, TRUTH, code_version, digest_modules
 from mattgs_ops.store.keys import stage_key
 from mattgs_ops.store.store import Finished, Slot, Store
 from tasks.stages import cores, process, quiet, travelling
@@ -255,7 +255,8 @@ def code_versions() -> dict[str, str]:
     """Return the digest of the code behind each stage."""
     times = source_times()
     versions = {name: _code_version(name, (), times) for name in STAGES}
-    return versions | {"trainer": _code_version("trainer", TRAINERS, times)}
+    others = {"trainer": TRAINERS, "truth": TRUTH}
+    return versions | {name: _code_version(name, of, times) for name, of in others.items()}
 
 
 @lru_cache(maxsize=32)

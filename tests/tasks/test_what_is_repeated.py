@@ -121,7 +121,7 @@ def test_a_capture_under_another_name_repeats_nothing(
 
 
 TRAINED = ("train", "evaluate", "measure")
-SOLVED = ("sfm", "agree", *TRAINED)
+SOLVED = ("sfm", "agree", "truth", *TRAINED)
 
 
 @pytest.mark.parametrize(
@@ -131,9 +131,9 @@ SOLVED = ("sfm", "agree", *TRAINED)
         ({"segment": {"threshold": 0.6}}, ("segment", *SOLVED)),
         ({"sfm": {"max_features": 999}}, SOLVED),
         ({"iterations": 77}, TRAINED),
-        ({"resolution": 99}, TRAINED),
+        ({"resolution": 99}, ("truth", *TRAINED)),
         ({"train": {"lr_opacity": 0.5}}, TRAINED),
-        ({"train_views": 3}, ("evaluate",)),
+        ({"train_views": 3}, ("truth", "evaluate")),
         ({"train": {"checkpoint_every": 3}}, ("none",)),
         ({"name": "other"}, ("none",)),
         ({"run": {"workers": 7, "threads": 2, "retries": 0}}, ("measure",)),
@@ -175,8 +175,9 @@ def test_another_seed_adds_its_experiments_and_repeats_the_measuring_alone(
     [
         ("segment", ("segment", *SOLVED)),
         ("sfm", SOLVED),
-        ("agree", ("agree", *TRAINED)),
+        ("agree", ("agree", "truth", *TRAINED)),
         ("train", TRAINED),
+        ("truth", ("truth", "evaluate")),
         ("evaluate", ("evaluate",)),
         ("measure", ("measure",)),
     ],

@@ -44,6 +44,7 @@ def test_an_experiment_is_what_its_stages_are(folder: Path) -> None:
     for title in ("prepare rover", "segment rover", "sfm rover", "agree rover"):
         end(folder, title, "cached")
     assert states(folder) == {plain: "running", ours: "running"}
+    end(folder, "truth rover nobg", "cached")
     for cell in (plain, ours):
         end(folder, f"train {cell}", "cached")
         end(folder, f"evaluate {cell}", "cached")

@@ -32,7 +32,7 @@ import mattgs_ops
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "tour.md"
 BUNDLED = Path(mattgs_ops.__file__).parent / "bundled" / "lattepanda" / "images"
-PHOTOS, SIZE = 10, (320, 240)
+PHOTOS, SIZE = 20, (480, 360)  # neighbours; every eighth is held out
 PORTS = ("5000", "4200", "8786")
 SERVER_SECONDS, TERM_SECONDS = 240, 30
 SETTINGS = ("PREFECT_", "MLFLOW_", "MATTGS_", "DASK_")  # of whoever runs this

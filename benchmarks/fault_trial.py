@@ -59,12 +59,12 @@ class Trial:
     def end(self, flow: "subprocess.Popen[str]") -> int:
         """Wait for a run's end and return its exit code; what it said goes to a file."""
         try:
-            told, _ = flow.communicate(timeout=HANG_SECONDS)
+            printed, _ = flow.communicate(timeout=HANG_SECONDS)
         except subprocess.TimeoutExpired as error:
             flow.kill()
             raise RuntimeError("the run hangs") from error
-        with (self.folder / "told.txt").open("a", encoding="utf-8") as file:
-            file.write(f"--- {self.out.name}: exit {flow.returncode}\n{told}\n")
+        with (self.folder / "printed.txt").open("a", encoding="utf-8") as file:
+            file.write(f"--- {self.out.name}: exit {flow.returncode}\n{printed}\n")
         return flow.returncode
 
     def run(self) -> int:

@@ -219,7 +219,7 @@ def try_all(folder: Path, names: list[str] | None) -> bool:
     known = json.loads(results.read_text(encoding="utf-8")) if results.is_file() else {}
     reference = Trial(folder, "reference", None)
     if not reference.rows.is_file() and reference.run() != 0:
-        sys.exit(f"the benchmark does not even run without faults: {folder / 'told.txt'}")
+        sys.exit(f"the benchmark does not even run without faults: {folder / 'printed.txt'}")
     print(
         "| fault | the run itself | half-written | processes left | rerun | resumed at step |"
         " same splats | runs | seconds | survived |"
@@ -256,8 +256,8 @@ def attempt(folder: Path, name: str, reference: Trial) -> list[str | int]:
             subprocess.run(["umount", "-l", str(trial.out)], check=True)
     hit = happened == ENDS.get(fault, happened)
     well = hit and code == 0 and same and once and left == 0 and half == 0
-    told = [happened, half, left, f"exit {code}", resumed, "yes" if same else "**no**", runs]
-    return [*told, round(time.monotonic() - began), "yes" if well else "**no**"]
+    cells = [happened, half, left, f"exit {code}", resumed, "yes" if same else "**no**", runs]
+    return [*cells, round(time.monotonic() - began), "yes" if well else "**no**"]
 
 
 if __name__ == "__main__":

@@ -190,16 +190,16 @@ def _wait_for_scheduled(folder: Path) -> str:
             interval=timedelta(days=1), anchor_date=datetime.now(UTC) + SOON
         )
         client.create_deployment_schedules(deployment.id, [(schedule, True)])
-        told = ""
+        last_kind = ""
         while time.monotonic() < end:
             for run in client.read_flow_runs(limit=50):
                 kind = run.state_type.value if run.state_type else ""
                 due = run.expected_start_time and run.expected_start_time < datetime.now(UTC)
                 if run.deployment_id != deployment.id or not (due and run.auto_scheduled):
                     continue
-                if kind != told:
+                if kind != last_kind:
                     say(f"scheduled run {run.name!r}: {kind}")
-                    told = kind
+                    last_kind = kind
                 if kind in ("COMPLETED", "FAILED", "CRASHED", "CANCELLED"):
                     report = folder / "benchmarks" / "nightly" / "report.html"
                     say(f"took {run.total_run_time.seconds} s; report: {report.is_file()}")

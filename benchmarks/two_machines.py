@@ -226,9 +226,9 @@ def _start(folder: Path, scheduler: str, size: list[str]) -> "subprocess.Popen[s
 
 
 def _end(flow: "subprocess.Popen[str]") -> int:
-    told, _ = flow.communicate()
+    printed, _ = flow.communicate()
     if flow.returncode != 0:
-        print(told)
+        print(printed)
     return flow.returncode
 
 

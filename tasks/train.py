@@ -22,7 +22,7 @@ def train(place: Place, cell: Cell, scene: Artifact, config: BenchmarkConfig) ->
     """
     if Condition.parse(cell.condition).method in config.trainers:
         return other_program.train(place, cell, scene, config, training_title(cell))
-    asked = settings(cell, config)
+    operation_settings = settings(cell, config)
     training = config.train_settings(cell.capture, cell.budget)
     kept = training.model_dump(mode="json", exclude=set(NO_RESULT))
     stage = Stage(
@@ -30,16 +30,16 @@ def train(place: Place, cell: Cell, scene: Artifact, config: BenchmarkConfig) ->
         title=training_title(cell),
         operation="tasks.train:operate",
         imports=("mattgs_ops.splat.training.train",),
-        parameters={k: v for k, v in asked.items() if k != "name"} | {"train": kept},
+        parameters={k: v for k, v in operation_settings.items() if k != "name"} | {"train": kept},
         inputs={"scene": scene.digest},
-        arguments=asked | {"scene": str(place.folder(scene))},
+        arguments=operation_settings | {"scene": str(place.folder(scene))},
         resumes=CHECKPOINT,
     )
     return perform(place, stage)
 
 
 def settings(cell: Cell, config: BenchmarkConfig) -> dict[str, Any]:
-    """Return what :func:`operate` is told, as JSON values, but for the scene's folder."""
+    """Return what :func:`operate` gets, as JSON values, but for the scene's folder."""
     condition = Condition.parse(cell.condition)
     return {
         "background": condition.background,

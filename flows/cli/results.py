@@ -161,8 +161,8 @@ def compare(
 
     from flows.results.compare import compare as compare_runs
 
-    told, page = compare_runs(first, second, out.resolve())
-    typer.echo(told)
+    table, page = compare_runs(first, second, out.resolve())
+    typer.echo(table)
     typer.echo(f"Page: {page}")
     if browser:
         webbrowser.open(page.as_uri())

@@ -63,8 +63,8 @@ def inspect(capture: PreparedCapture, *, progress: Progress = no_progress) -> In
         matched, placed = [len(names) - 1] * len(names), len(names)
     else:
         matched, placed = _matches(features)
-    told = _problems(names, sharp, bright, matched, placed)
-    return Inspected(names, tuple(sharp), tuple(bright), tuple(matched), placed, tuple(told))
+    problems = _problems(names, sharp, bright, matched, placed)
+    return Inspected(names, tuple(sharp), tuple(bright), tuple(matched), placed, tuple(problems))
 
 
 def pairs(count: int) -> list[tuple[int, int]]:
@@ -124,17 +124,19 @@ def _problems(
             n for n, m in zip(names, matched, strict=True) if m == 0
         ],
     }
-    told = [f"{len(found)} {what}: {', '.join(found)}" for what, found in listed.items() if found]
+    problems = [
+        f"{len(found)} {what}: {', '.join(found)}" for what, found in listed.items() if found
+    ]
     spread = float(np.log2(np.maximum(bright, 1 / 255)).std())
     if spread > UNEVEN:
-        told.append(f"exposure differs between photos: {spread:.2f} stops (standard deviation)")
+        problems.append(f"exposure differs between photos: {spread:.2f} stops (standard deviation)")
     if len(names) < FEW_PHOTOS:
-        told.append(
+        problems.append(
             f"{len(names)} photos are few: from {FEW_PHOTOS} on they overlap, 30 are better"
         )
     if placed < len(names):
-        told.append(f"about {placed} of {len(names)} photos hang together by matches")
-    return told
+        problems.append(f"about {placed} of {len(names)} photos hang together by matches")
+    return problems
 
 
 def _shrunk(grey: Grey) -> Grey:

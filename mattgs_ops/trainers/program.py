@@ -63,11 +63,11 @@ def identify(name: str, trainer: TrainerConfig) -> Identity:
     digests = {path.name: file_digest(path) for path in files}
     if trainer.version is None:
         return Identity("", digests)
-    asked = [fill(part, here) for part in trainer.version]
-    _executable(name, asked[0], environment)
+    command = [fill(part, here) for part in trainer.version]
+    _executable(name, command[0], environment)
     try:
         done = subprocess.run(
-            asked,
+            command,
             stdin=subprocess.DEVNULL,
             capture_output=True,
             text=True,
@@ -77,7 +77,7 @@ def identify(name: str, trainer: TrainerConfig) -> Identity:
             env=environment,
         )
     except (OSError, subprocess.TimeoutExpired) as error:
-        raise StageError(f"trainer {name}: its version is not told: {error}") from error
+        raise StageError(f"trainer {name}: it does not say its version: {error}") from error
     lines = [line.strip() for line in (done.stdout + done.stderr).splitlines() if line.strip()]
     if done.returncode or not lines:
         said = lines[-1] if lines else "nothing"

@@ -180,9 +180,10 @@ def _of_metric(cell: CellKey, column: Column, points: Sequence[Point]) -> Iterat
 
 def setup_of(point: Point, metric: str) -> tuple[Any, ...]:
     """Return what points of one series share."""
-    asked = tuple((run["seed"], run.get("config_digest"), run.get("inputs")) for run in point.runs)
+    keys = ("seed", "config_digest", "inputs")
+    settings = tuple(tuple(run.get(key) for key in keys) for run in point.runs)
     machine = MACHINES.get(CALIBRATED.get(metric, metric), "")
-    return asked, point.runs[0].get(machine)
+    return settings, point.runs[0].get(machine)
 
 
 def steps_of(metric: str, values: Sequence[float | None]) -> list[Step]:

@@ -174,10 +174,10 @@ def _environment(threads: int) -> dict[str, str]:
 def _raise_for(code: int, verdict: Path, job: StageJob) -> None:
     """Turn a bad end into an exception; return when all went well."""
     if verdict.is_file():
-        told = json.loads(verdict.read_text(encoding="utf-8"))
+        failure = json.loads(verdict.read_text(encoding="utf-8"))
         verdict.unlink()
-        kind = InputError if told["type"] == "InputError" else StageError
-        raise kind(told["message"])
+        kind = InputError if failure["type"] == "InputError" else StageError
+        raise kind(failure["message"])
     if code == 0:
         return
     if code < 0:

@@ -140,9 +140,9 @@ def points_of(thing: Thing) -> Array:
 def draw_in_order(canvas: Canvas, thing: Thing, others: list[list[Face]]) -> None:
     """Draw shadows, the farther clutter, the object, the nearer clutter."""
     cast = [] if isinstance(thing, Figure) else thing
-    standing = [*cast, *(face for faces in others for face in faces)]
-    if standing:
-        canvas.shadows(standing)
+    casting = [*cast, *(face for faces in others for face in faces)]
+    if casting:
+        canvas.shadows(casting)
     if isinstance(thing, Figure):
         figure_shadow(canvas, thing)
     eye = canvas.camera.eye

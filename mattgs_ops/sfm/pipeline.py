@@ -69,7 +69,7 @@ def reconstruct(
         source = "triangulated"
     else:
         source, answer = "given", _given_answer(capture, known)
-        _require(capture, answer, config)
+        _require(capture, answer, config, held_out_later=False)
         views, model, _ = assemble.write_views(capture, masks, known, out, soft)
         given_points.write_no_keypoints(capture, out / KEYPOINTS_FILE)
     points = assemble.vote(views, model)
@@ -116,7 +116,7 @@ def _solve(
     job = _job(capture, masks, config, workspace, threads)
     try:
         answer = run_worker(job, out / LOG_FILE, progress)
-        _require(capture, answer, config)
+        _require(capture, answer, config, held_out_later=job.poses_known)
         found = colmap_model.read_model(workspace / MODEL_FOLDER)
         if job.poses_known:
             found = given_points.with_held_out(found, capture)
@@ -158,13 +158,20 @@ def _job(
     return Job(str(workspace.resolve()), tuple(rows), config.model_dump(mode="json"), threads)
 
 
-def _require(capture: PreparedCapture, answer: Answer, config: SfmConfig) -> None:
-    """Refuse a model of too few views, naming those that are missing and why."""
-    share = len(answer.registered) / len(capture.views)
+def _require(
+    capture: PreparedCapture, answer: Answer, config: SfmConfig, *, held_out_later: bool
+) -> None:
+    """Refuse a model of too few views, naming those that are missing and why.
+
+    ``held_out_later``: held-out views get their given poses afterwards, so that they do not count;
+    a capture may hold out more views than it trains on, as the NeRF scenes do.
+    """
+    sought = [v for v in capture.views if not (held_out_later and v.split == "test")]
+    share = len(answer.registered) / max(len(sought), 1)
     if share >= config.min_registered:
         return
     raise StageError(
-        f"structure-from-motion placed {len(answer.registered)} of {len(capture.views)} views "
+        f"structure-from-motion placed {len(answer.registered)} of {len(sought)} views "
         f"({share:.0%}), expected at least {config.min_registered:.0%}\n"
         + "\n".join(lost_views.warnings(capture, answer))
     )

@@ -172,6 +172,18 @@ def test_given_poses_are_kept_to_the_last_bit(copied: Copy, tmp_path: Path) -> N
     assert near.all(axis=1).mean() > 0.9
 
 
+def test_more_views_may_be_held_out_than_trained_on(copied: Copy, tmp_path: Path) -> None:
+    """As in the NeRF scenes: 100 photos to train on, 200 held out, all poses given."""
+    capture = copied(cameras_are="given")
+    views = [
+        replace(v, split="train" if 2 <= k < 6 else "test") for k, v in enumerate(capture.views)
+    ]
+    capture = replace(capture, views=tuple(views))
+    scene = sfm.reconstruct(capture, masks_of(capture), CONFIG, tmp_path / "out")
+    assert (scene.extra["registered"], scene.extra["missing"]) == (9, [])
+    assert set(read_model(scene.folder / "sparse" / "0").images) == set(range(1, 10))
+
+
 def test_given_cameras_may_be_ignored_but_their_intrinsics_hold(
     copied: Copy, tmp_path: Path
 ) -> None:

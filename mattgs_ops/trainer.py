@@ -5,6 +5,7 @@ program is a command, never a shell's; :mod:`mattgs_ops.trainers` runs it.
 """
 
 import re
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal
@@ -24,9 +25,10 @@ PLACEHOLDERS = {
     "threads": "threads of one training",
     "budget": "most splats that it may have, where the benchmark has `budgets`",
     "here": "folder of the benchmark's file",
+    "python": "the Python that runs this project, for a script of your own",
 }
 PLACEHOLDER = re.compile(r"\{([A-Za-z_]+)\}")
-FIXED = ("here",)  # the placeholders that mean something before there is an experiment
+FIXED = ("here", "python")  # the placeholders that mean something before there is an experiment
 
 
 def _check_placeholders(arguments: tuple[str, ...]) -> tuple[str, ...]:
@@ -55,7 +57,9 @@ class TrainerConfig(Frozen):
         "transforms.json and points.ply; transforms_train.json, as the NeRF scenes have it",
     )
     version: Command | None = Field(
-        None, description="a command that prints the version first; only {here} is known to it"
+        None,
+        description="a command that prints the version first; only {here} and {python} are known "
+        "to it",
     )
     result: str | None = Field(
         None,
@@ -95,6 +99,11 @@ class TrainerConfig(Frozen):
     def takes_budget(self) -> bool:
         """Whether the program can be told how many splats it may have."""
         return any("{budget}" in argument for argument in self.command)
+
+    @property
+    def fixed(self) -> dict[str, object]:
+        """What the placeholders of ``FIXED`` stand for."""
+        return {"here": self.folder, "python": sys.executable}
 
 
 def fill(text: str, values: Mapping[str, object]) -> str:

@@ -55,15 +55,14 @@ def identify(name: str, trainer: TrainerConfig) -> Identity:
     another trainer. Raises :class:`StageError` when the program is not there, or its version is
     not told.
     """
-    here = {"here": trainer.folder}
     environment = environment_of(trainer)
-    command = [fill(part, here) for part in trainer.command]
+    command = [fill(part, trainer.fixed) for part in trainer.command]
     files = [_executable(name, command[0], environment)]
     files += [Path(part) for part in command[1:] if "{" not in part and Path(part).is_file()]
     digests = {path.name: file_digest(path) for path in files}
     if trainer.version is None:
         return Identity("", digests)
-    command = [fill(part, here) for part in trainer.version]
+    command = [fill(part, trainer.fixed) for part in trainer.version]
     _executable(name, command[0], environment)
     try:
         done = subprocess.run(
@@ -90,8 +89,7 @@ def identify(name: str, trainer: TrainerConfig) -> Identity:
 
 def environment_of(trainer: TrainerConfig) -> dict[str, str]:
     """Return this process's environment with the trainer's own variables."""
-    here = {"here": trainer.folder}
-    own = {name: fill(value, here) for name, value in trainer.environment.items()}
+    own = {name: fill(value, trainer.fixed) for name, value in trainer.environment.items()}
     return {**os.environ, **own}
 
 

@@ -48,11 +48,10 @@ def operate(arguments: dict[str, Any], out: Path, threads: int, progress: Progre
         most_points=config.max_splats,
         seed=arguments["seed"],
     )
-    values = {
+    values = trainer.fixed | {
         "data": data,
         "output": output,
         "threads": threads,
-        "here": trainer.folder,
         "budget": config.max_splats,
         **{key: arguments[key] for key in ("iterations", "resolution", "seed")},
     }

@@ -1,6 +1,7 @@
 """Another program as a method: run in its own process, scored as any, refused by what it did."""
 
 import json
+import re
 import sys
 import time
 from collections.abc import Callable
@@ -20,6 +21,7 @@ from tasks.stages.stage import Artifact, Cell, Place
 from tasks.stages.status import read
 from tasks.train import train
 
+EXAMPLE = Path(__file__).parents[2] / "benchmarks" / "peers" / "torch_trainer.py"
 PEER = Path(__file__).parents[1] / "mattgs_ops" / "trainers" / "peer.py"
 LOAD_FILE = "load.csv"  # how busy the machine was, which every stage notes
 CELL = Cell("ball", "nobg-peer", 0)
@@ -62,6 +64,25 @@ def test_its_splats_are_scored_like_any_others(
     metrics = json.loads((place.folder(scores) / "evaluation.json").read_text())["metrics"]
     assert metrics["psnr"] > 20
     assert metrics["size_mb"] == (folder / "splats.ply").stat().st_size / 1e6
+
+
+def test_the_example_in_torch_learns(
+    place: Place, config: BenchmarkConfig, scene: Artifact
+) -> None:
+    command = ["{python}", "{here}/torch_trainer.py", "{data}", "{output}/splats.ply"]
+    command += ["{iterations}", "{seed}", "{threads}"]
+    table = {"command": command, "folder": EXAMPLE.parent, "layout": "nerfstudio"}
+    changed = {"trainers": {"torch": table}, "conditions": ["nobg-torch"], "iterations": 100}
+    config = BenchmarkConfig.model_validate(config.model_dump() | changed)
+    cell = Cell("ball", "nobg-torch", 0)
+    splats = train(place, cell, scene, config)
+    said = json.loads((place.folder(splats) / "trainer.json").read_text())
+    assert EXAMPLE.name in said["identity"]["files"]
+    evaluate(place, cell, scene, splats, config)  # which looks at the frame, too
+    (log,) = place.logs.glob("train*.log")
+    losses = [float(loss) for loss in re.findall(r"step \d+: ([\d.]+)", log.read_text())]
+    assert len(losses) == 10
+    assert sum(losses[-3:]) / 3 < 0.8 * losses[0]
 
 
 def test_it_says_how_far_it_is_and_leaves_its_lines_in_the_log(

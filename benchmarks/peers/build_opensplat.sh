@@ -4,7 +4,9 @@
 # SOURCE is a clone of github.com/pierotofy/OpenSplat, TARGET a new folder, PYTHON one with torch.
 # Needs: build-essential cmake git nlohmann-json3-dev libcxxopts-dev libnanoflann-dev libopencv-dev
 # libglm-dev. Its own description of the build downloads three header libraries; here Debian's are
-# found instead. Takes about 20 minutes on one core; JOBS=2 builds with two.
+# found instead. Its CPU rasteriser reads depths by a data pointer as if they lay side by side, though
+# they are a column of a larger tensor, and so draws splats in a wrong order; here they are copied
+# first. Takes about 20 minutes on one core; JOBS=2 builds with two.
 set -euo pipefail
 source=$1 target=$2 python=${3:-.venv/bin/python}
 mkdir -p "$target"
@@ -19,6 +21,12 @@ path = Path("CMakeLists.txt")
 text = re.sub(r"^[ \t]*FetchContent_\w+\([^)]*\)", "", path.read_text(), flags=re.MULTILINE)
 found = "find_package(nlohmann_json REQUIRED)\nfind_package(nanoflann REQUIRED)\nfind_package(cxxopts REQUIRED)"
 path.write_text(text.replace("include(FetchContent)", found))
+
+path = Path("rasterizer/gsplat-cpu/gsplat_cpu.cpp")
+column = 'torch::Tensor camDepths = pProj.index({"...", 2})'
+if f"{column};" not in (text := path.read_text()):
+    raise SystemExit(f"{path}: expected the line `{column};`, found none: see whether it is mended")
+path.write_text(text.replace(f"{column};", f"{column}.contiguous();"))
 PY
 cd - > /dev/null
 torch=$("$python" -c "import torch; print(torch.utils.cmake_prefix_path)")

@@ -81,9 +81,11 @@ def test_nothing_is_said_where_all_views_were_placed() -> None:
 
 
 def test_too_few_views_fail_with_the_reasons() -> None:
-    _require(capture_of(NAMES), answer_of(), SfmConfig(min_registered=0.5))
+    _require(capture_of(NAMES), answer_of(), SfmConfig(min_registered=0.5), held_out_later=False)
     with pytest.raises(StageError, match="2 views form a second group") as error:
-        _require(capture_of(NAMES), answer_of(), SfmConfig(min_registered=0.6))
+        _require(
+            capture_of(NAMES), answer_of(), SfmConfig(min_registered=0.6), held_out_later=False
+        )
     assert str(error.value).startswith("structure-from-motion placed 4 of 8 views (50%)")
     assert "e.jpg shows only 41 key points" in str(error.value)
 

@@ -22,8 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from mattgs_ops.capture.camera import Camera
-from mattgs_ops.capture.scene import Scene, Split, View
+from mattgs_ops.capture.scene import Scene, Split
 from mattgs_ops.config import Condition
 from mattgs_ops.errors import InputError
 from mattgs_ops.frozen import Background
@@ -42,7 +41,7 @@ from mattgs_ops.score.truth import (
 )
 from mattgs_ops.splat.attention import paper_attention
 from mattgs_ops.splat.files.ply import read_ply
-from mattgs_ops.splat.photos import WHITE, Colour, size_at
+from mattgs_ops.splat.photos import WHITE, Colour, camera_at
 from mattgs_ops.splat.render import render_view
 from mattgs_ops.store.digests import file_digest, folder_digest, pixels_digest
 
@@ -123,7 +122,7 @@ def render_views(
     by_name = {view.name: view for view in scene.views}
     rendered = []
     for index, view in enumerate(stored.views):
-        camera = _camera(by_name[view.name], resolution)
+        camera = camera_at(by_name[view.name], resolution)
         place = Path(view.split) / f"{view.name}.png"
         save_png(out / "renders" / place, render_view(splats, camera, shown, threads=threads))
         haze = None
@@ -171,13 +170,6 @@ def _stored_truth(
             f"{wanted}, found {found}"
         )
     return stored
-
-
-def _camera(view: View, resolution: int) -> Camera:
-    """Return the camera of a registered view at a resolution, as its truth has it."""
-    if view.camera is None:
-        raise InputError(f"view {view.name}: expected a camera, found none (not registered)")
-    return view.camera.scaled(*size_at(view.width, view.height, resolution))
 
 
 def score(

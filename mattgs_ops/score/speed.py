@@ -8,7 +8,7 @@ from mattgs_ops.capture.scene import Scene
 from mattgs_ops.config import Condition
 from mattgs_ops.errors import StageError
 from mattgs_ops.splat.files.ply import read_ply
-from mattgs_ops.splat.photos import WHITE, Colour, size_at
+from mattgs_ops.splat.photos import WHITE, Colour, camera_at
 from mattgs_ops.splat.render import time_views
 from mattgs_ops.timing import calibration
 
@@ -39,11 +39,7 @@ def measure_speed(
     (:mod:`mattgs_ops.timing.stopwatch`).
     """
     shown: Colour = WHITE if condition.background == "nobg" else background
-    cameras = [
-        view.camera.scaled(*size_at(view.width, view.height, resolution))
-        for view in scene.registered("test")
-        if view.camera is not None
-    ]
+    cameras = [camera_at(view, resolution) for view in scene.registered("test")]
     if not cameras:
         raise StageError(f"scene {scene.name}: expected test views with a camera, found none")
     splats = read_ply(splats_ply)

@@ -84,10 +84,19 @@ def load_view(view: View, background: Background, resolution: int) -> TrainingVi
     )
 
 
-def store_view(view: View, background: Background, resolution: int) -> StoredView:
-    """Read one view as :func:`load_view` does, at 8 bits; raises the same errors."""
+def camera_at(view: View, resolution: int) -> Camera:
+    """Return the camera of a registered view at a longest side of ``resolution`` pixels.
+
+    Raises :class:`InputError` for a view without one.
+    """
     if view.camera is None:
         raise InputError(f"view {view.name}: expected a camera, found none (not registered)")
+    return view.camera.scaled(*size_at(view.width, view.height, resolution))
+
+
+def store_view(view: View, background: Background, resolution: int) -> StoredView:
+    """Read one view as :func:`load_view` does, at 8 bits; raises the same errors."""
+    camera = camera_at(view, resolution)
     photo = _read(view.photo, cv2.IMREAD_COLOR, view)[:, :, ::-1]  # OpenCV reads BGR
     size = size_at(view.width, view.height, resolution)
     plain = _shrink(photo.astype(np.float32), size)
@@ -95,13 +104,13 @@ def store_view(view: View, background: Background, resolution: int) -> StoredVie
         if background == "nobg":
             raise InputError(f"view {view.name}: `nobg` needs a mask, found none")
         opaque = np.full(plain.shape[:2], 255, np.uint8)
-        return StoredView(view.name, view.camera.scaled(*size), plain, opaque, plain)
+        return StoredView(view.name, camera, plain, opaque, plain)
     mask = _read(view.mask, cv2.IMREAD_GRAYSCALE, view).astype(np.float32)
     image = plain
     if background == "nobg":
         share = mask[:, :, None] / np.float32(255)
         image = _shrink(photo * share + np.float32(255) * (1 - share), size)
-    return StoredView(view.name, view.camera.scaled(*size), image, _shrink(mask, size), plain)
+    return StoredView(view.name, camera, image, _shrink(mask, size), plain)
 
 
 def load_truth(view: View, background: Background, resolution: int) -> TrainingView:

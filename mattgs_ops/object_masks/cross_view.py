@@ -37,7 +37,7 @@ from mattgs_ops.object_masks.surfaces import train_surfaces
 from mattgs_ops.progress import Progress, no_progress
 from mattgs_ops.segment.mask_report import MaskReport, ViewReport, border_share, flags_of
 from mattgs_ops.sfm.assemble import vote
-from mattgs_ops.splat.photos import size_at
+from mattgs_ops.splat.photos import camera_at
 
 # Of the short training. Half the steps at 256 pixels leave splats that straddle outlines: even with
 # each labelled by the true masks they reach an IoU of 0.92 on the bundled hexapod.
@@ -66,7 +66,7 @@ def agree(
         return _keep(scene, out, f"masks are {report.source}, nothing to vote on")
     views = [view for view in scene.views if view.camera is not None]
     maps = [_read(scene.folder / "soft" / mask_name(view.name)) for view in views]
-    cameras = [_camera(view, silhouettes.SIDE) for view in views]
+    cameras = [camera_at(view, silhouettes.SIDE) for view in views]
     trained = [view.split == "train" for view in views]
     outlines = silhouettes.predict(cameras, _shrunk(maps, cameras), trained)
     if outlines is None:
@@ -74,8 +74,8 @@ def agree(
     splats = train_surfaces(
         scene, iterations=ITERATIONS, resolution=RESOLUTION, threads=threads, progress=progress
     )
-    shown = [_camera(view, RESOLUTION) for view in views]
-    voting = [_camera(view, VOTING) for view in views]
+    shown = [camera_at(view, RESOLUTION) for view in views]
+    voting = [camera_at(view, VOTING) for view in views]
     votes = splat_votes.collect(splats, voting, shown, maps, trained=trained, threads=threads)
     photos = [_photo(view, camera) for view, camera in zip(views, shown, strict=True)]
     names = [view.name for view in views]
@@ -160,12 +160,6 @@ def _mask(soft: SoftMap, view: View, *, by_votes: bool) -> Mask:
     full = cv2.resize(soft, (view.width, view.height), interpolation=cv2.INTER_CUBIC)
     mask = clean(threshold(full, HALF))
     return clean(to_photo_edges(mask, _read_photo(view))) if by_votes else mask
-
-
-def _camera(view: View, resolution: int) -> Camera:
-    if view.camera is None:
-        raise StageError(f"{view.name}: expected a camera")
-    return view.camera.scaled(*size_at(view.width, view.height, resolution))
 
 
 def _shrunk(maps: Sequence[SoftMap], cameras: Sequence[Camera]) -> list[SoftMap]:

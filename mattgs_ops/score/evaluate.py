@@ -13,7 +13,6 @@ are listed as missing, never left out in silence. :mod:`speed` measures speed ap
 """
 
 import json
-from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -38,6 +37,7 @@ from mattgs_ops.score.truth import (
     link_truth,
     save_png,
     store_truth,
+    write_json,
 )
 from mattgs_ops.splat.attention import paper_attention
 from mattgs_ops.splat.files.ply import read_ply
@@ -81,7 +81,7 @@ class RenderedViews:
 
     def save(self, folder: Path) -> None:
         """Write ``folder/views.json``."""
-        _write_json(folder / VIEWS_FILE, asdict(self))
+        write_json(folder / VIEWS_FILE, asdict(self))
 
     @classmethod
     def load(cls, folder: Path) -> "RenderedViews":
@@ -229,7 +229,7 @@ def score(
             **_scored_digests(folder, rendered),
         },
     }
-    _write_json(folder / EVALUATION_FILE, evaluation)
+    write_json(folder / EVALUATION_FILE, evaluation)
     return evaluation
 
 
@@ -281,10 +281,3 @@ def _read(
             return pixels
     except OSError as error:
         raise InputError(f"{path}: expected a stored render: {error}") from error
-
-
-def _write_json(path: Path, document: Mapping[str, Any] | Sequence[Any]) -> None:
-    partial = path.with_name(f"{path.name}.part")
-    text = json.dumps(document, indent=1, sort_keys=True, allow_nan=False)
-    partial.write_text(text + "\n", encoding="utf-8")
-    partial.replace(path)

@@ -10,8 +10,10 @@
 import json
 import os
 import shutil
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -107,8 +109,7 @@ def store_truth(
         stored.append(TruthView(view.name, view.split, *has))
         progress(index + 1, len(chosen), f"{view.name} stored")
     result = StoredTruth(SCHEMA, background, resolution, train_every, tuple(stored), missing)
-    text = json.dumps(asdict(result), indent=1, sort_keys=True)
-    (out / TRUTH_FILE).write_text(text + "\n", encoding="utf-8")
+    write_json(out / TRUTH_FILE, asdict(result))
     return result
 
 
@@ -134,6 +135,14 @@ def save_png(path: Path, pixels: NDArray[np.uint8]) -> None:
     """Write an 8-bit image [H, W] or [H, W, 3], with little effort to make it small."""
     path.parent.mkdir(parents=True, exist_ok=True)
     Image.fromarray(pixels).save(path, compress_level=PNG_EFFORT)
+
+
+def write_json(path: Path, document: Mapping[str, Any] | Sequence[Any]) -> None:
+    """Write a document whole or not at all; raises :class:`ValueError` for NaN and infinity."""
+    partial = path.with_name(f"{path.name}.part")
+    text = json.dumps(document, indent=1, sort_keys=True, allow_nan=False)
+    partial.write_text(text + "\n", encoding="utf-8")
+    partial.replace(path)
 
 
 def as_bytes(values: NDArray[np.float32]) -> NDArray[np.uint8]:

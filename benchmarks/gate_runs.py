@@ -20,7 +20,7 @@ from mattgs_ops.capture.prepare import prepare
 from mattgs_ops.capture.scene import Scene
 from mattgs_ops.config import BenchmarkConfig, CaptureConfig, Condition
 from mattgs_ops.score.evaluate import render_views, score
-from mattgs_ops.score.speed import FEWEST_SECONDS, measure_speed
+from mattgs_ops.score.speed import measure_speed
 from mattgs_ops.segment.infer import segment
 from mattgs_ops.segment.mask_report import MaskReport
 from mattgs_ops.sfm import reconstruct
@@ -90,22 +90,12 @@ def _resized(photo: Path, size: tuple[int, int], target: Path) -> Path:
     return target
 
 
-def experiment(
-    config: BenchmarkConfig,
-    cell: Cell,
-    scene: Scene,
-    masks: MaskReport,
-    out: Path,
-    *,
-    speed: dict[str, float] | None = None,
-    fewest_seconds: float = FEWEST_SECONDS,
-) -> Row:
-    """Train, render, score and measure one experiment; ``speed`` instead of measuring it.
-
-    At least ``fewest_seconds`` of rendering are timed.
-    """
+def trained(
+    config: BenchmarkConfig, cell: Cell, scene: Scene, out: Path
+) -> tuple[Condition, TrainingReport]:
+    """Train one experiment's splats into ``out``."""
     condition = Condition.parse(cell.condition)
-    training = train(
+    report = train(
         scene,
         condition,
         config.method(condition.method),
@@ -115,11 +105,42 @@ def experiment(
         seed=cell.seed,
         out=out,
     )
-    if speed is None:
-        splats, shown = out / "splats.ply", config.resolution
-        speed = measure_speed(scene, splats, condition, shown, fewest_seconds=fewest_seconds)
+    return condition, report
+
+
+def experiment(
+    config: BenchmarkConfig,
+    cell: Cell,
+    scene: Scene,
+    masks: MaskReport,
+    out: Path,
+    *,
+    speed: dict[str, float] | None = None,
+) -> Row:
+    """Train, render, score and measure one experiment; ``speed`` instead of measuring it."""
+    _, training = trained(config, cell, scene, out)
     row = evaluated(config, cell, scene, masks, out, laps=list(training.laps), speed=speed)
     return row | {"seconds": {"train": training.wall_seconds}}
+
+
+def timed_again(
+    config: BenchmarkConfig, row: Row, cell: Cell, scene: Scene, out: Path, *, fewest_seconds: float
+) -> Row:
+    """Train and measure one experiment again; return its row with the new speeds.
+
+    Scores stay: the same code comes to the same bits. At least ``fewest_seconds`` of rendering are
+    timed.
+    """
+    condition, training = trained(config, cell, scene, out)
+    splats, laps = out / "splats.ply", list(training.laps)
+    shown = config.resolution
+    speed = measure_speed(scene, splats, condition, shown, fewest_seconds=fewest_seconds)
+    time = {"time": sum(lap["value"] for lap in laps)}
+    return row | {
+        "metrics": row["metrics"] | time | speed,
+        "repeats": {"time": laps},
+        "seconds": {"train": training.wall_seconds},
+    }
 
 
 def evaluated(

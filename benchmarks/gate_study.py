@@ -12,7 +12,8 @@ candidate has its baseline's. Unchanged code on one machine gives the same bits,
 what is caught then is counted on the scores of one run, with other losses each time.
 
 **Speed.** Runs from the same points on one machine: other points would train other splats, which
-are faster or slower to draw. What is compared are scores of the same bits.
+are faster or slower to draw. They end in the same bits, so that they are trained and measured
+again, and scored once.
 
 Every comparison is judged as it is, where each alarm is false, and with losses planted, which
 differ from view to view and from capture to capture. With ``--baseline`` a committed baseline takes
@@ -26,12 +27,13 @@ import os
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.gate_runs import experiment, make_scene, nudged, shrunk, write_rows
+from benchmarks.gate_runs import experiment, make_scene, nudged, shrunk, timed_again, write_rows
 from flows.grid import cells
 from mattgs_ops.capture.scene import Scene
 from mattgs_ops.config import BenchmarkConfig
@@ -50,6 +52,7 @@ from reports.gate.self_check import (
     rates_of,
 )
 from reports.rows.schema import Row, read_rows
+from tasks.stages.stage import Cell
 
 HERE = Path(__file__).parent
 OTHER_THREADS = 2
@@ -63,20 +66,32 @@ Scenes = Sequence[tuple[Scene, MaskReport]]
 Rows = Sequence[Row]
 
 
-def run(config: BenchmarkConfig, scenes: Scenes, out: Path, *, timed: bool) -> list[Row]:
-    """Run all experiments once; rendering is timed where speed is what counts."""
+def run(config: BenchmarkConfig, scenes: Scenes, out: Path) -> list[Row]:
+    """Run all experiments once, without timing."""
     return [
-        experiment(
-            config,
-            cell,
-            *scene,
-            out / f"{cell.capture}-{cell.condition}-{cell.seed}",
-            fewest_seconds=RENDERED_SECONDS,
-            speed=None if timed else UNTIMED,
-        )
-        for capture, scene in zip(config.captures, scenes, strict=True)
-        for cell in cells(config, capture.name)
+        experiment(config, cell, *scene, _folder(out, cell), speed=UNTIMED)
+        for cell, scene in _all_cells(config, scenes)
     ]
+
+
+def time_again(config: BenchmarkConfig, rows: Rows, scenes: Scenes, out: Path) -> list[Row]:
+    """Return the rows of the same points with speeds of another run."""
+    return [
+        timed_again(config, row, cell, scene, _folder(out, cell), fewest_seconds=RENDERED_SECONDS)
+        for row, (cell, (scene, _)) in zip(rows, _all_cells(config, scenes), strict=True)
+    ]
+
+
+def _all_cells(
+    config: BenchmarkConfig, scenes: Scenes
+) -> Iterator[tuple[Cell, tuple[Scene, MaskReport]]]:
+    for capture, scene in zip(config.captures, scenes, strict=True):
+        for cell in cells(config, capture.name):
+            yield cell, scene
+
+
+def _folder(out: Path, cell: Cell) -> Path:
+    return out / f"{cell.capture}-{cell.condition}-{cell.seed}"
 
 
 class Runs:
@@ -92,8 +107,8 @@ class Runs:
         for number in numbers:
             path = self._path(kind, number)
             if not path.is_file():
-                timed = kind == "speed"
-                write_rows(self.one(0 if timed else number, timed=timed), path)
+                rows = self.timed() if kind == "speed" else self.one(number)
+                write_rows(rows, path)
                 if number % 20 == 0:
                     load = os.getloadavg()[0]
                     print(f"{kind} {number}: load average {load:.1f}", flush=True)
@@ -102,18 +117,31 @@ class Runs:
     def _path(self, kind: str, number: int) -> Path:
         return self.out / f"{kind}-{number:04d}.json"
 
-    def one(self, number: int, *, timed: bool) -> list[Row]:
+    def one(self, number: int) -> list[Row]:
         """Run all experiments once, from the points that ``number`` stands for."""
+        with self._moved(number) as (scenes, out):
+            return run(self.config, scenes, out)
+
+    def timed(self) -> list[Row]:
+        """Train and measure all experiments of run 0 again."""
+        (rows,) = self.read("scores", range(1))
+        with self._moved(0) as (scenes, out):
+            return time_again(self.config, rows, scenes, out)
+
+    @contextmanager
+    def _moved(self, number: int) -> Iterator[tuple[Scenes, Path]]:
         self._scenes = self._scenes or made(self.config, self.out, 1)
         with tempfile.TemporaryDirectory(prefix="gate-study-") as folder:
             work = Path(folder)
-            moved = [(nudged(s, work / s.name, number), masks) for s, masks in self._scenes]
-            return run(self.config, moved, work / "runs", timed=timed)
+            yield (
+                [(nudged(s, work / s.name, number), masks) for s, masks in self._scenes],
+                work / "runs",
+            )
 
     def check_same_bits(self) -> None:
         """Repeat run 0; raises :class:`StageError` where its scores are others now."""
         (first,) = self.read("scores", range(1))
-        for old, new in zip(first, self.one(0, timed=False), strict=True):
+        for old, new in zip(first, self.one(0), strict=True):
             if new["per_view"] != old["per_view"]:
                 raise StageError(f"{old['capture']} {old['condition']}: other bits when repeated")
 
@@ -124,7 +152,7 @@ class Runs:
             path = self.out / f"other-{name}.json"
             if not path.is_file() and name != own and _engine.use_instruction_set(name):
                 scenes = made(self.config, self.out, OTHER_THREADS)
-                rows = run(self.config, scenes, self.out / name, timed=False)
+                rows = run(self.config, scenes, self.out / name)
                 for row in rows:  # as another machine would say
                     row["provenance"]["cpu_kind"] = f"engine on {name}"
                 write_rows(rows, path)

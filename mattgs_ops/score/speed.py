@@ -14,8 +14,9 @@ from mattgs_ops.timing import calibration
 
 FEWEST_ROUNDS = 9  # over the views, rendering and workload in turns
 FEWEST_SECONDS = 1.0  # of rendering
-# Standard error of a normal sample's median, times root n, over the median absolute deviation
-MEDIAN_ERROR = 1.4826 * 1.2533
+# Standard error of a normal sample's lower quartile, times root n, over the median absolute
+# deviation
+QUARTILE_ERROR = 1.4826 * 1.3626
 
 
 def measure_speed(
@@ -32,9 +33,10 @@ def measure_speed(
 
     Rendering a view and the fixed workload take turns, in rounds over the views. ``fps``: views
     divided by the seconds of rendering them into memory, after a warm-up; ``calibration``: seconds
-    of the fastest workload; ``fps_calibrated``: frames rendered in the time of one workload, each
-    view at its median over the rounds; ``fps_noise``: the relative standard error of that, from the
-    median absolute deviation of the rounds. At least ``fewest_seconds`` of rendering are timed.
+    of the fastest workload; ``fps_calibrated``: frames rendered in the time of one workload, both
+    by what is :func:`~mattgs_ops.timing.calibration.undisturbed`, each view by itself;
+    ``fps_noise``: the relative standard error of that, from the median absolute deviation of the
+    rounds. At least ``fewest_seconds`` of rendering are timed.
     Meant to run alone on its machine; time lost to others is not counted
     (:mod:`mattgs_ops.timing.stopwatch`).
     """
@@ -43,20 +45,22 @@ def measure_speed(
     if not cameras:
         raise StageError(f"scene {scene.name}: expected test views with a camera, found none")
     splats = read_ply(splats_ply)
-    pairs, seconds = calibration.Pairs(sweeping=False), 0.0
+    pairs, rendered = calibration.Pairs(), 0.0
     for index, took in time_views(splats, cameras, shown, threads=threads):
         pairs.add(took)
-        seconds += took
+        rendered += took
         round_ended = index == len(cameras) - 1
-        enough = len(pairs) >= FEWEST_ROUNDS * len(cameras) and seconds >= fewest_seconds
+        enough = len(pairs) >= FEWEST_ROUNDS * len(cameras) and rendered >= fewest_seconds
         if round_ended and enough:
             break
-    ratios = pairs.ratios().reshape(-1, len(cameras))
-    by_view = np.median(ratios, axis=0)
-    deviation = float(np.median(np.abs(np.log(ratios / by_view))))
+    views, workloads = pairs.seconds()
+    rounds = views.reshape(-1, len(cameras))
+    mean = np.mean([calibration.undisturbed(seconds) for seconds in rounds.T])
+    ratios = rounds / workloads.reshape(rounds.shape)
+    deviation = float(np.median(np.abs(np.log(ratios / np.median(ratios, axis=0)))))
     return {
-        "fps": len(pairs) / seconds,
-        "calibration": pairs.fastest(),
-        "fps_calibrated": float(1 / by_view.mean()),
-        "fps_noise": MEDIAN_ERROR * deviation / float(np.sqrt(len(pairs))),
+        "fps": len(pairs) / rendered,
+        "calibration": float(workloads.min()),
+        "fps_calibrated": float(calibration.undisturbed(workloads) / mean),
+        "fps_noise": QUARTILE_ERROR * deviation / float(np.sqrt(len(pairs))),
     }

@@ -6,33 +6,30 @@ in the same process on one thread; ``fps * calibration`` (frames in the time of 
 compares across machines far better than ``fps`` does.
 
 A workload takes about a millisecond, so that it can stand right beside each piece of what is
-measured: what slows the machine for a moment slows both, and the median over many such pairs
-(:class:`Pairs`) forgets the moments that came between the two. ``benchmarks/gate_study.py`` prints
-what that leaves.
+measured: what slows the machine for a moment slows both. Of many pieces, and of the workloads
+beside them, the lower quartile counts (:func:`undisturbed`): others only ever add time, and the
+single fastest is luck.
 
-The workload shares no code with the engine, so that an engine that became slower shows. It does
-what compositing does: arithmetic and exponentials on single precision in cache, gathers through
-memory, and a sort. Beside training it does, for as long again, what Adam does, a sweep through
-memory: neighbours on other cores take bandwidth and leave arithmetic alone. No linear algebra
-library takes part, whose threads could differ.
+The workload shares no code with the engine, so that an engine that became slower shows. Most of it
+is arithmetic in the interpreter, which follows the core's own pace and stays in the first-level
+cache. The rest gathers through memory, as much as makes it lose what the engine loses when a
+neighbour takes bandwidth. ``benchmarks/calibration.py`` compares it with other workloads.
 """
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from mattgs_ops.timing import stopwatch
 
-VERSION = 2  # raised when the workload changes: values of different versions do not compare
+VERSION = 3  # raised when the workload changes: values of different versions do not compare
 SEED = 20_240_817
-CACHE_FLOATS = 16_384  # 64 KiB: first- and second-level cache
-CACHE_ROUNDS = 20
+ADDITIONS = 16_000  # of squares, in the interpreter
 TABLE_FLOATS = 1 << 20  # 4 MiB: beyond the second level
 GATHERED = 1 << 13
-SORTED_KEYS = 2_000
-STREAM_FLOATS = 1 << 21  # 8 MiB read and 8 MiB written: about as much time as all the rest
 REPEATS = 100  # the fastest counts: noise on a shared machine only ever adds
+UNDISTURBED = 0.25  # share of the measurements that are taken for undisturbed
 
-Workload = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64], NDArray[np.float32]]
+Workload = tuple[NDArray[np.float32], NDArray[np.int64]]
 
 
 def calibrate(repeats: int = REPEATS) -> float:
@@ -41,11 +38,16 @@ def calibrate(repeats: int = REPEATS) -> float:
     return min(_timed(inputs) for _ in range(repeats))
 
 
-class Pairs:
-    """Pieces of work, each with one workload right after it, ``sweeping`` through memory or not."""
+def undisturbed(seconds: ArrayLike) -> float:
+    """Return the seconds below which a quarter of the measurements lie."""
+    return float(np.quantile(np.asarray(seconds, dtype=np.float64), UNDISTURBED))
 
-    def __init__(self, *, sweeping: bool) -> None:
-        self._inputs = _inputs(sweeping=sweeping)
+
+class Pairs:
+    """Pieces of work, each with one workload right after it."""
+
+    def __init__(self) -> None:
+        self._inputs = _inputs()
         self._pairs: list[tuple[float, float]] = []
         _timed(self._inputs)  # the first touch of its memory does not count
 
@@ -56,44 +58,23 @@ class Pairs:
         """Put one workload beside a piece that has just taken ``seconds``."""
         self._pairs.append((seconds, _timed(self._inputs)))
 
-    def ratios(self) -> NDArray[np.float64]:
-        """Return the pieces' seconds in workloads [P]."""
-        pairs = np.array(self._pairs, dtype=np.float64).reshape(-1, 2)
-        return pairs[:, 0] / pairs[:, 1]
-
-    def fastest(self) -> float:
-        """Return the seconds of the fastest workload."""
-        return min(workload for _, workload in self._pairs)
+    def seconds(self) -> NDArray[np.float64]:
+        """Return the seconds of pieces and of workloads [2, P]."""
+        return np.array(self._pairs, dtype=np.float64).reshape(-1, 2).T
 
 
-def workload(
-    cache: NDArray[np.float32],
-    table: NDArray[np.float32],
-    places: NDArray[np.int64],
-    swept: NDArray[np.float32],
-) -> float:
-    """Do the fixed work; the result depends on all of it.
-
-    ``swept`` [2, M]: the second row is written from the first; M = 0 for no sweep.
-    """
-    light, colour = np.ones_like(cache), np.zeros_like(cache)
-    for step in range(CACHE_ROUNDS):
-        alpha = np.exp(cache * np.float32(-0.5 - step / CACHE_ROUNDS)) * np.float32(0.02)
-        colour += light * alpha
-        light *= np.float32(1) - alpha
-    gathered = table[places]
-    order = np.argsort(gathered[:SORTED_KEYS], kind="stable")
-    np.multiply(swept[0], np.float32(0.9), out=swept[1])
-    last = float(swept[1, -1:].sum())
-    return float(colour.mean()) + float(gathered.mean()) + float(order[0]) + last
+def workload(table: NDArray[np.float32], places: NDArray[np.int64]) -> float:
+    """Do the fixed work; the result depends on all of it."""
+    total = 0
+    for number in range(ADDITIONS):
+        total += number * number
+    return total + float(table[places].sum())
 
 
-def _inputs(*, sweeping: bool = False) -> Workload:
+def _inputs() -> Workload:
     rng = np.random.default_rng(SEED)
-    cache = rng.random(CACHE_FLOATS, dtype=np.float32)
     table = rng.random(TABLE_FLOATS, dtype=np.float32)
-    swept = np.stack([rng.random(STREAM_FLOATS if sweeping else 0, dtype=np.float32)] * 2)
-    return cache, table, rng.integers(0, TABLE_FLOATS, GATHERED), swept
+    return table, rng.integers(0, TABLE_FLOATS, GATHERED)
 
 
 def _timed(inputs: Workload) -> float:

@@ -7,7 +7,7 @@ machine's speed at its own moments; the spread of these ratios says how far to t
 
 import numpy as np
 
-from mattgs_ops.timing.calibration import Pairs
+from mattgs_ops.timing.calibration import Pairs, undisturbed
 
 LAPS = 8
 PIECE_SECONDS = 0.01  # of training between two workloads: ten times what one takes
@@ -18,13 +18,13 @@ class Laps:
     """Collects laps; ``rows`` has one entry of ``value`` and ``calibration``, in seconds, each.
 
     ``value`` is the lap's seconds. ``calibration`` is the workload's seconds for which the two have
-    the ratio of the lap's steps to workloads, at the median over its pieces.
+    the ratio of an undisturbed step to an undisturbed workload, times the lap's steps.
     """
 
     def __init__(self, iterations: int) -> None:
         self._ends = {iterations * (k + 1) // LAPS for k in range(LAPS)} - {0}
         self._fewest = max(1, iterations // (LAPS * MOST_PIECES))
-        self._pairs, self._steps = Pairs(sweeping=True), 0
+        self._pairs, self._steps = Pairs(), 0
         self._pieces: list[int] = []  # steps of each of this lap's, the latest pairs
         self._seconds = self._piece = 0.0
         self.rows: list[dict[str, float]] = []
@@ -44,7 +44,9 @@ class Laps:
 
     def _close(self) -> None:
         steps = np.array(self._pieces)
-        ratios = self._pairs.ratios()[-len(steps) :]
-        workloads = float(np.median(ratios / steps) * steps.sum())
-        self.rows.append({"value": self._seconds, "calibration": self._seconds / workloads})
+        pieces, workloads = self._pairs.seconds()[:, -len(steps) :]
+        step = undisturbed(pieces / steps)
+        per_step = self._seconds / steps.sum()
+        calibration = undisturbed(workloads) * per_step / step
+        self.rows.append({"value": self._seconds, "calibration": float(calibration)})
         self._pieces, self._seconds = [], 0.0

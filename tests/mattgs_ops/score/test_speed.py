@@ -15,9 +15,9 @@ from tests.mattgs_ops.score.conftest import (
 
 
 def test_speed_is_of_the_test_views_beside_the_fixed_workload(scene: Scene, ply: Path) -> None:
-    speed = measure_speed(scene, ply, ORIGINAL, WIDTH)
+    speed = measure_speed(scene, ply, ORIGINAL, WIDTH, fewest_seconds=0.02)
     assert set(speed) == {"fps", "calibration", "fps_calibrated", "fps_noise"}
-    # the median round against the mean rate and the fastest workload: alike, not equal
+    # the undisturbed views against the mean rate and the fastest workload: alike, not equal
     assert 0.2 < speed["fps_calibrated"] / (speed["fps"] * speed["calibration"]) < 5
     assert speed["fps_noise"] >= 0
     assert min(speed["fps"], speed["calibration"]) > 0

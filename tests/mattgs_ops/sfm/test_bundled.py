@@ -1,4 +1,4 @@
-"""The bundled captures can be reconstructed from their photos alone; here ten views of each."""
+"""The bundled captures can be reconstructed from their photos alone; here eight views of each."""
 
 import json
 from pathlib import Path
@@ -9,7 +9,7 @@ from mattgs_ops import sfm
 from mattgs_ops.capture import prepare, source
 from mattgs_ops.config import BUNDLED, CaptureConfig, SfmConfig
 
-VIEWS = 10  # neighbours on one orbit; `benchmarks/sfm/modes.py` measures all 48
+VIEWS = 8  # neighbours on one orbit; `benchmarks/sfm/modes.py` measures all 48
 
 
 def first_views(name: str, folder: Path) -> None:

@@ -1,6 +1,8 @@
 """Photo, mask, id map and camera of a rendered view agree with one another."""
 
+import functools
 import json
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +16,7 @@ pytest.importorskip("mitsuba", reason="the `captures` extra is not installed")
 
 import mattgs_ops
 from mattgs_ops.errors import InputError
-from mattgs_ops.synthetic import cameras
+from mattgs_ops.synthetic import cameras, render
 from mattgs_ops.synthetic.objects import parts
 from mattgs_ops.synthetic.render import Making, develop, photograph, plan_views, render_capture
 from mattgs_ops.synthetic.surfaces.materials import Part, Stage, plain, pose
@@ -202,12 +204,17 @@ def test_test_views_are_of_a_walk_of_their_own_and_leave_training_views_as_they_
 
 
 @pytest.fixture(scope="module")
-def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a small capture that was interrupted after two of its three views."""
+def capture(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Return a small capture that was interrupted after two of its three views.
+
+    Building its desk takes seconds: what goes on with the rendering gets the same one.
+    """
     out = tmp_path_factory.mktemp("capture") / "lattepanda"
-    with pytest.raises(KeyboardInterrupt):
-        render_capture(SMALL, out, variant="scalar_rgb", progress=interrupt)
-    return out
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(render, "build_world", functools.cache(render.build_world))
+        with pytest.raises(KeyboardInterrupt):
+            render_capture(SMALL, out, variant="scalar_rgb", progress=interrupt)
+        yield out
 
 
 SMALL = Making("lattepanda", views=2, test_views=1, width=64, height=48, samples=1, test_samples=2)

@@ -17,17 +17,16 @@ class FakePairs:
     workloads: Iterator[float] | None = None
     made = 0
 
-    def __init__(self, *, sweeping: bool) -> None:
-        assert sweeping, "training sweeps through memory"
-        self.values: list[float] = []
+    def __init__(self) -> None:
+        self.pairs: list[tuple[float, float]] = []
 
     def add(self, seconds: float) -> None:
         FakePairs.made += 1
         given = WORKLOAD if FakePairs.workloads is None else next(FakePairs.workloads)
-        self.values.append(seconds / given)
+        self.pairs.append((seconds, given))
 
-    def ratios(self) -> np.ndarray:
-        return np.array(self.values)
+    def seconds(self) -> np.ndarray:
+        return np.array(self.pairs).T
 
 
 @pytest.fixture(autouse=True)

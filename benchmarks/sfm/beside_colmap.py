@@ -1,6 +1,7 @@
 """Structure-from-motion by COLMAP's own defaults beside ours: same photos, same threads.
 
-    python benchmarks/sfm/beside_colmap.py rover fox=../photos/fox --threads 1
+    python benchmarks/sfm/beside_colmap.py rover fox=../photos/fox --threads 2
+    python benchmarks/sfm/beside_colmap.py fox=../photos/fox --only ours --threads 1 2
 
 pycolmap extracts (no masks, photos up to 3,200 pixels by its default), matches all pairs and maps
 incrementally with its default options but for the threads; the largest model counts. Ours is
@@ -62,20 +63,24 @@ def main() -> None:
     """Parse arguments, run both programs on each capture, print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("captures", nargs="+", help="bundled names, or NAME=FOLDER")
-    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--threads", type=int, nargs="+", default=[1])
+    parser.add_argument("--only", choices=("colmap", "ours"))
     arguments = parser.parse_args()
     print("| " + " | ".join(HEADER) + " |")
     print("|" + "---|" * len(HEADER))
     with tempfile.TemporaryDirectory() as scratch:
         for text in arguments.captures:
             capture, masks = prepared(text, Path(scratch))
-            print(theirs(capture, Path(scratch), arguments.threads), flush=True)
-            print(ours(capture, masks, Path(scratch), arguments.threads), flush=True)
+            for threads in arguments.threads:
+                if arguments.only != "ours":
+                    print(theirs(capture, Path(scratch), threads), flush=True)
+                if arguments.only != "colmap":
+                    print(ours(capture, masks, Path(scratch), threads), flush=True)
 
 
 def theirs(capture: PreparedCapture, scratch: Path, threads: int) -> str:
     """Run pycolmap in a process of its own; returns its row."""
-    out = scratch / f"{capture.name}-colmap"
+    out = scratch / f"{capture.name}-colmap-{threads}"
     out.mkdir()
     photos = capture.views[0].photo.parent
     command = [sys.executable, "-c", PROGRAM, str(photos), str(out), str(threads)]
@@ -96,7 +101,7 @@ def theirs(capture: PreparedCapture, scratch: Path, threads: int) -> str:
 
 def ours(capture: PreparedCapture, masks: Path, scratch: Path, threads: int) -> str:
     """Run our stage; returns its row."""
-    out = scratch / f"{capture.name}-ours"
+    out = scratch / f"{capture.name}-ours-{threads}"
     began, used = time.perf_counter(), _children() + time.process_time()
     scene = sfm.reconstruct(capture, masks, SfmConfig(), out, threads=threads)
     seconds = time.perf_counter() - began, _children() + time.process_time() - used

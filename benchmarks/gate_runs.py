@@ -6,7 +6,9 @@ far as the gate reads them, and compare with rows of the whole line.
 """
 
 import json
+import os
 import shutil
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -16,6 +18,7 @@ import cv2
 import numpy as np
 from PIL import Image
 
+from flows.grid import cells
 from mattgs_ops.capture.prepare import prepare
 from mattgs_ops.capture.scene import Scene
 from mattgs_ops.config import BenchmarkConfig, CaptureConfig, Condition
@@ -34,7 +37,11 @@ from tasks.stages.capture_files import capture_digest
 from tasks.stages.stage import Cell, code_versions
 
 NUDGE = 1e-6  # of the points' spread
+RENDERED_SECONDS = 0.25  # a quarter of what the pipeline times: runs are many
+UNTIMED = {"fps": 1.0, "calibration": 1.0, "fps_calibrated": 1.0, "fps_noise": 0.0}
 EVERY = 10_000  # of training views only the first is scored: the gate reads names alone
+
+Scenes = Sequence[tuple[Scene, MaskReport]]
 
 
 def make_scene(
@@ -206,3 +213,43 @@ def _machine() -> dict[str, Any]:
 def write_rows(rows: list[Row], path: Path) -> None:
     """Write rows as the command line reads them."""
     path.write_text(json.dumps(rows, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+
+
+def make_scenes(config: BenchmarkConfig, out: Path, threads: int) -> list[tuple[Scene, MaskReport]]:
+    """Return the captures' scenes, made with so many threads, with photos at the resolution."""
+    scenes = []
+    for capture in config.captures:
+        folder = out / f"{capture.name}-{threads}-{os.getpid()}"
+        scene, masks = make_scene(capture, config, folder, threads=threads)
+        scenes.append((shrunk(scene, config.resolution, folder / "small"), masks))
+    return scenes
+
+
+def run(config: BenchmarkConfig, scenes: Scenes, out: Path) -> list[Row]:
+    """Run all experiments once, without timing."""
+    return [
+        experiment(config, cell, *scene, _folder(out, cell), speed=UNTIMED)
+        for cell, scene in _all_cells(config, scenes)
+    ]
+
+
+def time_again(
+    config: BenchmarkConfig, rows: Sequence[Row], scenes: Scenes, out: Path
+) -> list[Row]:
+    """Return the rows of the same points with speeds of another run."""
+    return [
+        timed_again(config, row, cell, scene, _folder(out, cell), fewest_seconds=RENDERED_SECONDS)
+        for row, (cell, (scene, _)) in zip(rows, _all_cells(config, scenes), strict=True)
+    ]
+
+
+def _all_cells(
+    config: BenchmarkConfig, scenes: Scenes
+) -> Iterator[tuple[Cell, tuple[Scene, MaskReport]]]:
+    for capture, scene in zip(config.captures, scenes, strict=True):
+        for cell in cells(config, capture.name):
+            yield cell, scene
+
+
+def _folder(out: Path, cell: Cell) -> Path:
+    return out / f"{cell.capture}-{cell.condition}-{cell.seed}"

@@ -33,8 +33,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.gate_runs import experiment, make_scene, nudged, shrunk, timed_again, write_rows
-from flows.grid import cells
+from benchmarks.gate_runs import Scenes, make_scenes, nudged, run, time_again, write_rows
 from mattgs_ops.capture.scene import Scene
 from mattgs_ops.config import BenchmarkConfig
 from mattgs_ops.config_file import load_toml
@@ -52,46 +51,14 @@ from reports.gate.self_check import (
     rates_of,
 )
 from reports.rows.schema import Row, read_rows
-from tasks.stages.stage import Cell
 
 HERE = Path(__file__).parent
 OTHER_THREADS = 2
-RENDERED_SECONDS = 0.25  # a quarter of what the pipeline times: runs are many
 TIMED_ON = ("timed", "measured")
 MEASURED = ("time", "fps", "calibration", "fps_calibrated", "fps_noise")
-UNTIMED = {"fps": 1.0, "calibration": 1.0, "fps_calibrated": 1.0, "fps_noise": 0.0}
 NOISE_RUNS = 20  # that measure the noise and are not compared
 DRAWS = 300  # of losses, on scores of the same bits
-Scenes = Sequence[tuple[Scene, MaskReport]]
 Rows = Sequence[Row]
-
-
-def run(config: BenchmarkConfig, scenes: Scenes, out: Path) -> list[Row]:
-    """Run all experiments once, without timing."""
-    return [
-        experiment(config, cell, *scene, _folder(out, cell), speed=UNTIMED)
-        for cell, scene in _all_cells(config, scenes)
-    ]
-
-
-def time_again(config: BenchmarkConfig, rows: Rows, scenes: Scenes, out: Path) -> list[Row]:
-    """Return the rows of the same points with speeds of another run."""
-    return [
-        timed_again(config, row, cell, scene, _folder(out, cell), fewest_seconds=RENDERED_SECONDS)
-        for row, (cell, (scene, _)) in zip(rows, _all_cells(config, scenes), strict=True)
-    ]
-
-
-def _all_cells(
-    config: BenchmarkConfig, scenes: Scenes
-) -> Iterator[tuple[Cell, tuple[Scene, MaskReport]]]:
-    for capture, scene in zip(config.captures, scenes, strict=True):
-        for cell in cells(config, capture.name):
-            yield cell, scene
-
-
-def _folder(out: Path, cell: Cell) -> Path:
-    return out / f"{cell.capture}-{cell.condition}-{cell.seed}"
 
 
 class Runs:
@@ -130,7 +97,7 @@ class Runs:
 
     @contextmanager
     def _moved(self, number: int) -> Iterator[tuple[Scenes, Path]]:
-        self._scenes = self._scenes or made(self.config, self.out, 1)
+        self._scenes = self._scenes or make_scenes(self.config, self.out, 1)
         with tempfile.TemporaryDirectory(prefix="gate-study-") as folder:
             work = Path(folder)
             yield (
@@ -151,7 +118,7 @@ class Runs:
         for name in ("avx2", "baseline"):
             path = self.out / f"other-{name}.json"
             if not path.is_file() and name != own and _engine.use_instruction_set(name):
-                scenes = made(self.config, self.out, OTHER_THREADS)
+                scenes = make_scenes(self.config, self.out, OTHER_THREADS)
                 rows = run(self.config, scenes, self.out / name)
                 for row in rows:  # as another machine would say
                     row["provenance"]["cpu_kind"] = f"engine on {name}"
@@ -160,16 +127,6 @@ class Runs:
                 runs.append(read_rows(path))
         _engine.use_instruction_set(own)
         return runs
-
-
-def made(config: BenchmarkConfig, out: Path, threads: int) -> list[tuple[Scene, MaskReport]]:
-    """Return the captures' scenes, made with so many threads, with photos at the resolution."""
-    scenes = []
-    for capture in config.captures:
-        folder = out / f"{capture.name}-{threads}-{os.getpid()}"
-        scene, masks = make_scene(capture, config, folder, threads=threads)
-        scenes.append((shrunk(scene, config.resolution, folder / "small"), masks))
-    return scenes
 
 
 def speed_spread(runs: Sequence[Sequence[Row]]) -> str:

@@ -36,7 +36,7 @@ VIEWS = len(ORDER)  # neighbours on one orbit
 RESOLUTION = 96
 SMALL = """
 [segment]
-refine = "none"
+refine = "grabcut"
 [sfm]
 max_features = 2000
 """

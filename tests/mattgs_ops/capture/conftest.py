@@ -8,12 +8,17 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from mattgs_ops.capture.camera import Camera, Intrinsics, rotation_of
+from mattgs_ops.capture.formats.colmap_cameras import ColmapCamera
 from mattgs_ops.capture.prepare import prepare
 from mattgs_ops.capture.scene import PreparedCapture
+from mattgs_ops.capture.sparse import SparseImage, SparseModel
 from mattgs_ops.config import CaptureConfig
 from mattgs_ops.errors import InputError
 
 WIDTH, HEIGHT = 48, 36
+SPARSE_SIZE = (64, 48)
+SPARSE_INTRINSICS = Intrinsics(*SPARSE_SIZE, 60.0, 61.0, 31.5, 24.5)
 NAMES = [f"IMG_{i:02}.png" for i in range(10)]
 
 
@@ -83,3 +88,22 @@ def write_colmap(folder: Path, names: list[str]) -> Path:
     rows = [f"{i + 1} 1 0 0 0 0 0 {i} 1 {name}\n\n" for i, name in enumerate(names)]
     (model / "images.txt").write_text("".join(rows))
     return folder
+
+
+@pytest.fixture
+def model() -> SparseModel:
+    """Three images of five points; the second image also has a key point without a point."""
+    rng = np.random.default_rng(3)
+    xyz = rng.uniform(-0.4, 0.4, (5, 3)) + np.array([0, 0, 4])
+    images = {}
+    for number, seen in ((1, [0, 1, 2, 3, 4]), (2, [3, 1, -1]), (7, [4, 0, 2])):
+        rotation = rotation_of(np.array([1, *rng.normal(0, 0.05, 3)]))
+        camera = Camera(SPARSE_INTRINSICS, rotation, rng.normal(0, 0.1, 3))
+        points = np.array(seen)
+        xy = np.where(points[:, None] < 0, 5.25, camera.project(xyz[points])[0])
+        name = f"IMG ü {number}.jpg.png"
+        images[number] = SparseImage(name, 4, camera.rotation, camera.translation, xy, points)
+    i = SPARSE_INTRINSICS
+    camera4 = ColmapCamera("PINHOLE", *SPARSE_SIZE, (i.fx, i.fy, i.cx, i.cy))
+    rgb = rng.integers(0, 256, (5, 3), dtype=np.uint8)
+    return SparseModel({4: camera4}, images, xyz, rgb, rng.random(5))

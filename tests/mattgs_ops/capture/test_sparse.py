@@ -4,51 +4,25 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from plyfile import PlyData
 
 from mattgs_ops.capture import sparse
-from mattgs_ops.capture.camera import Camera, Intrinsics, rotation_of
+from mattgs_ops.capture.camera import Camera
 from mattgs_ops.capture.formats.colmap_cameras import ColmapCamera
 from mattgs_ops.capture.sparse import SparseImage, SparseModel
-
-SIZE = (64, 48)
-INTRINSICS = Intrinsics(*SIZE, 60.0, 61.0, 31.5, 24.5)
-
-
-def random_rotation(rng: np.random.Generator) -> NDArray[np.float64]:
-    return rotation_of(rng.normal(size=4))
-
-
-@pytest.fixture
-def model() -> SparseModel:
-    """Three images of five points; the second image also has a key point without a point."""
-    rng = np.random.default_rng(3)
-    xyz = rng.uniform(-0.4, 0.4, (5, 3)) + np.array([0, 0, 4])
-    images = {}
-    for number, seen in ((1, [0, 1, 2, 3, 4]), (2, [3, 1, -1]), (7, [4, 0, 2])):
-        rotation = rotation_of(np.array([1, *rng.normal(0, 0.05, 3)]))
-        camera = Camera(INTRINSICS, rotation, rng.normal(0, 0.1, 3))
-        points = np.array(seen)
-        xy = np.where(points[:, None] < 0, 5.25, camera.project(xyz[points])[0])
-        name = f"IMG ü {number}.jpg.png"
-        images[number] = SparseImage(name, 4, camera.rotation, camera.translation, xy, points)
-    i = INTRINSICS
-    camera4 = ColmapCamera("PINHOLE", *SIZE, (i.fx, i.fy, i.cx, i.cy))
-    rgb = rng.integers(0, 256, (5, 3), dtype=np.uint8)
-    return SparseModel({4: camera4}, images, xyz, rgb, rng.random(5))
+from tests.mattgs_ops.capture.conftest import SPARSE_INTRINSICS, SPARSE_SIZE
 
 
 def test_views_vote_on_points_by_their_masks() -> None:
     # five views from the same place see points 0 and 1; four masks hold point 0, three point 1
     xyz = np.array([[0.0, 0, 2], [0.5, 0, 2]])
-    camera = Camera(INTRINSICS, np.eye(3), np.zeros(3))
+    camera = Camera(SPARSE_INTRINSICS, np.eye(3), np.zeros(3))
     pixels, _ = camera.project(xyz)
     images, cameras, masks = {}, {}, {}
     for k in range(5):
         images[k] = SparseImage(f"{k}", 1, np.eye(3), np.zeros(3), pixels, np.array([0, 1]))
         cameras[k] = camera
-        masks[k] = np.zeros(SIZE[::-1], dtype=np.uint8)
+        masks[k] = np.zeros(SPARSE_SIZE[::-1], dtype=np.uint8)
         for p, enough in ((0, 4), (1, 3)):
             if k < enough:
                 x, y = np.floor(pixels[p]).astype(int)
@@ -65,11 +39,11 @@ def test_views_vote_on_points_by_their_masks() -> None:
 
 def test_only_views_that_see_a_point_vote() -> None:
     xyz = np.array([[0.0, 0, 2]])
-    camera = Camera(INTRINSICS, np.eye(3), np.zeros(3))
+    camera = Camera(SPARSE_INTRINSICS, np.eye(3), np.zeros(3))
     pixels, _ = camera.project(xyz)
     seeing = SparseImage("a", 1, np.eye(3), np.zeros(3), pixels, np.array([0]))
     blind = SparseImage("b", 1, np.eye(3), np.zeros(3), pixels, np.array([-1]))
-    white = np.full(SIZE[::-1], 255, dtype=np.uint8)
+    white = np.full(SPARSE_SIZE[::-1], 255, dtype=np.uint8)
     model = SparseModel({}, {1: seeing, 2: blind}, xyz, np.zeros((1, 3), np.uint8), np.zeros(1))
     points = sparse.object_points(model, {1: camera, 2: camera}, {1: white, 2: 0 * white})
     assert (points.object_share[0], points.views_seen[0]) == (1.0, 1)
@@ -97,17 +71,17 @@ def test_points_are_written_as_a_ply_that_others_read(tmp_path: Path) -> None:
 def test_all_views_vote_on_a_point_that_none_is_known_to_see() -> None:
     """Points of a cloud's file: whoever has them in frame says whether they are on the object."""
     xyz = np.array([[0.0, 0, 2], [0.5, 0, 2], [50.0, 0, 2]])
-    camera = Camera(INTRINSICS, np.eye(3), np.zeros(3))
+    camera = Camera(SPARSE_INTRINSICS, np.eye(3), np.zeros(3))
     images = {
         n: SparseImage(
             f"{n}", 1, camera.rotation, camera.translation, np.zeros((0, 2)), np.zeros(0, np.int64)
         )
         for n in (1, 2)
     }
-    i = INTRINSICS
-    lens = ColmapCamera("PINHOLE", *SIZE, (i.fx, i.fy, i.cx, i.cy))
+    i = SPARSE_INTRINSICS
+    lens = ColmapCamera("PINHOLE", *SPARSE_SIZE, (i.fx, i.fy, i.cx, i.cy))
     model = SparseModel({1: lens}, images, xyz, np.zeros((3, 3), np.uint8), np.zeros(3))
-    left = np.zeros(SIZE[::-1], np.uint8)
+    left = np.zeros(SPARSE_SIZE[::-1], np.uint8)
     left[:, :40] = 255  # holds the first point, at column 31
     points = sparse.object_points(
         model, {1: camera, 2: camera}, {1: left, 2: np.full_like(left, 255)}

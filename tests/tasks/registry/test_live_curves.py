@@ -3,7 +3,7 @@
 import logging
 import shutil
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from tasks.registry.record import promoted, record, record_summary
 from tasks.registry.run_of_row import TRAINING_TAG
 from tasks.stages.process import StageJob
 from tasks.stages.stage import Place
+from tests.tasks.waiting import wait_for
 
 TITLE = "train ball nobg-ours seed 0"
 HEAD = "step,loss,fixed_psnr,splats,steps_per_second\n"
@@ -77,13 +78,6 @@ def only_run(place: Place) -> Any:
     experiment = client.get_experiment_by_name("small")
     runs = client.search_runs([experiment.experiment_id]) if experiment else []
     return runs[0] if runs else None
-
-
-def wait_for(true: Callable[[], bool]) -> None:
-    end = time.monotonic() + PATIENCE
-    while not true():
-        assert time.monotonic() < end, "it never came true"
-        time.sleep(0.05)
 
 
 def test_points_arrive_while_the_training_runs_and_only_once(place: Place, work: Path) -> None:

@@ -3,7 +3,6 @@
 import os
 import signal
 import threading
-import time
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ import pytest
 from mattgs_ops.errors import StageError
 from tasks.stages import launcher
 from tasks.stages.process import CrashError, StageJob, run
+from tests.tasks.waiting import alive, wait_for
 
 OPERATIONS = """
 import os, sys, threading, time
@@ -125,18 +125,3 @@ def test_what_cannot_be_imported_is_told_by_the_stage_itself(job: Any, tmp_path:
     run(job("look", "broken_module"))  # which does not need it
     with pytest.raises(StageError, match="RuntimeError: no such device"):
         run(job("needs_broken", "broken_module"))
-
-
-def alive(pid: int) -> bool:
-    try:
-        state = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0]
-    except FileNotFoundError:
-        return False
-    return state != "Z"
-
-
-def wait_for(happened: Any, seconds: float = 60) -> None:
-    end = time.monotonic() + seconds
-    while not happened():
-        assert time.monotonic() < end, "did not happen in time"
-        time.sleep(0.02)

@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ import pytest
 from mattgs_ops.errors import InputError, StageError
 from tasks.stages.process import CrashError, StageJob, run
 from tasks.stages.status import StatusFile, read
+from tests.tasks.waiting import alive, wait_for
 
 OPERATIONS = """
 import ctypes, os, time
@@ -126,18 +126,3 @@ def test_a_stage_dies_with_the_process_that_started_it(job: Any, tmp_path: Path)
     os.kill(parent.pid, signal.SIGKILL)
     parent.wait()
     wait_for(lambda: not alive(int(pid_file.read_text())))
-
-
-def alive(pid: int) -> bool:
-    try:
-        state = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0]
-    except FileNotFoundError:
-        return False
-    return state != "Z"
-
-
-def wait_for(happened: Any, seconds: float = 60) -> None:
-    end = time.monotonic() + seconds
-    while not happened():
-        assert time.monotonic() < end, "did not happen in time"
-        time.sleep(0.02)

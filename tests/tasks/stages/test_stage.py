@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -22,6 +21,7 @@ from tasks.row import Outcome
 from tasks.stages.stage import Artifact, Cell, Place
 from tasks.stages.status import read_all
 from tasks.train import train
+from tests.tasks.waiting import wait_for
 
 CELL = Cell("ball", "nobg-ours", 0)
 PutScene = Callable[[Place], Artifact]
@@ -156,13 +156,6 @@ def test_two_flows_never_do_the_same_stage_at_once(
     flows = [start_training(place, scene, config) for _ in range(2)]
     told = sorted(flow.communicate()[0].strip() for flow in flows)
     assert told == ["False", "True"]
-
-
-def wait_for(happened: Callable[[], bool], seconds: float = 120) -> None:
-    end = time.monotonic() + seconds
-    while not happened():
-        assert time.monotonic() < end, "did not happen in time"
-        time.sleep(0.02)
 
 
 def test_a_worker_of_another_version_does_nothing_and_names_both(

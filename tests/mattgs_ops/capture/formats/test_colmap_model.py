@@ -8,33 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mattgs_ops.capture.camera import Camera, Intrinsics, rotation_of
-from mattgs_ops.capture.formats.colmap_cameras import ColmapCamera
+from mattgs_ops.capture.camera import Camera
 from mattgs_ops.capture.formats.colmap_model import read_model, write_model
-from mattgs_ops.capture.sparse import SparseImage, SparseModel
+from mattgs_ops.capture.sparse import SparseModel
 from mattgs_ops.errors import InputError
-
-SIZE = (64, 48)
-INTRINSICS = Intrinsics(*SIZE, 60.0, 61.0, 31.5, 24.5)
-
-
-@pytest.fixture
-def model() -> SparseModel:
-    """Three images of five points; the second image also has a key point without a point."""
-    rng = np.random.default_rng(3)
-    xyz = rng.uniform(-0.4, 0.4, (5, 3)) + np.array([0, 0, 4])
-    images = {}
-    for number, seen in ((1, [0, 1, 2, 3, 4]), (2, [3, 1, -1]), (7, [4, 0, 2])):
-        rotation = rotation_of(np.array([1, *rng.normal(0, 0.05, 3)]))
-        camera = Camera(INTRINSICS, rotation, rng.normal(0, 0.1, 3))
-        points = np.array(seen)
-        xy = np.where(points[:, None] < 0, 5.25, camera.project(xyz[points])[0])
-        name = f"IMG ü {number}.jpg.png"
-        images[number] = SparseImage(name, 4, camera.rotation, camera.translation, xy, points)
-    i = INTRINSICS
-    camera4 = ColmapCamera("PINHOLE", *SIZE, (i.fx, i.fy, i.cx, i.cy))
-    rgb = rng.integers(0, 256, (5, 3), dtype=np.uint8)
-    return SparseModel({4: camera4}, images, xyz, rgb, rng.random(5))
+from tests.mattgs_ops.capture.conftest import SPARSE_INTRINSICS
 
 
 def test_what_is_written_is_read_back(model: SparseModel, tmp_path: Path) -> None:
@@ -86,7 +64,7 @@ def test_colmap_reads_our_files_and_we_read_colmaps(model: SparseModel, tmp_path
     number, point, xy = back.observations()
     for n, p, pixel in zip(number, point, xy, strict=True):
         image = back.images[n]
-        camera = Camera(INTRINSICS, image.rotation, image.translation)
+        camera = Camera(SPARSE_INTRINSICS, image.rotation, image.translation)
         assert np.allclose(camera.project(back.xyz[p][None])[0][0], pixel, atol=1e-6)
 
 

@@ -32,7 +32,7 @@ from mattgs_ops.splat.photos import size_at
 from mattgs_ops.splat.training.train import train
 from mattgs_ops.store import provenance
 from mattgs_ops.store.digests import json_digest
-from tasks.row import Row, config_digest, masks_digest, split_digest
+from tasks.row import PROTOCOL, Row, config_digest, masks_digest, split_digest
 from tasks.stages.capture_files import capture_digest
 from tasks.stages.stage import Cell, code_versions
 
@@ -170,6 +170,7 @@ def evaluated(
     seconds = sum(lap["value"] for lap in laps)
     return {
         "schema": 1,
+        "protocol": PROTOCOL,
         "benchmark": config.name,
         "capture": cell.capture,
         "condition": cell.condition,
@@ -215,13 +216,20 @@ def write_rows(rows: list[Row], path: Path) -> None:
     path.write_text(json.dumps(rows, indent=1, sort_keys=True) + "\n", encoding="utf-8")
 
 
-def make_scenes(config: BenchmarkConfig, out: Path, threads: int) -> list[tuple[Scene, MaskReport]]:
-    """Return the captures' scenes, made with so many threads, with photos at the resolution."""
+def make_scenes(
+    config: BenchmarkConfig, out: Path, threads: int, *, small: bool
+) -> list[tuple[Scene, MaskReport]]:
+    """Return the captures' scenes, made with so many threads; ``small``: photos at the resolution.
+
+    Of small photos the truth without background is another: it is composited after shrinking.
+    """
     scenes = []
     for capture in config.captures:
         folder = out / f"{capture.name}-{threads}-{os.getpid()}"
         scene, masks = make_scene(capture, config, folder, threads=threads)
-        scenes.append((shrunk(scene, config.resolution, folder / "small"), masks))
+        if small:
+            scene = shrunk(scene, config.resolution, folder / "small")
+        scenes.append((scene, masks))
     return scenes
 
 

@@ -50,6 +50,7 @@ from reports.gate.self_check import (
     independent,
     rates_of,
 )
+from reports.rows.comparable import other_truth, reasons
 from reports.rows.schema import Row, read_rows
 
 HERE = Path(__file__).parent
@@ -64,8 +65,8 @@ Rows = Sequence[Row]
 class Runs:
     """Runs of a benchmark on this machine, kept in a folder by kind and number."""
 
-    def __init__(self, config: BenchmarkConfig, out: Path) -> None:
-        self.config, self.out = config, out / config.name
+    def __init__(self, config: BenchmarkConfig, out: Path, *, small: bool) -> None:
+        self.config, self.out, self.small = config, out / config.name, small
         self.out.mkdir(parents=True, exist_ok=True)
         self._scenes: list[tuple[Scene, MaskReport]] = []
 
@@ -97,7 +98,7 @@ class Runs:
 
     @contextmanager
     def _moved(self, number: int) -> Iterator[tuple[Scenes, Path]]:
-        self._scenes = self._scenes or make_scenes(self.config, self.out, 1)
+        self._scenes = self._scenes or make_scenes(self.config, self.out, 1, small=self.small)
         with tempfile.TemporaryDirectory(prefix="gate-study-") as folder:
             work = Path(folder)
             yield (
@@ -118,7 +119,7 @@ class Runs:
         for name in ("avx2", "baseline"):
             path = self.out / f"other-{name}.json"
             if not path.is_file() and name != own and _engine.use_instruction_set(name):
-                scenes = make_scenes(self.config, self.out, OTHER_THREADS)
+                scenes = make_scenes(self.config, self.out, OTHER_THREADS, small=self.small)
                 rows = run(self.config, scenes, self.out / name)
                 for row in rows:  # as another machine would say
                     row["provenance"]["cpu_kind"] = f"engine on {name}"
@@ -150,6 +151,19 @@ def speed_spread(runs: Sequence[Sequence[Row]]) -> str:
 
 def _log_speed(row: Row, metric: str) -> float:
     return float(np.median(np.log(list(speed.calibrated(row, metric).values()))))
+
+
+def check_comparable(pairs: Sequence[Comparison]) -> None:
+    """Raise :class:`StageError` where rows do not compare: each would count as a missed loss."""
+    for rows, others in pairs:
+        for row, other in zip(sorted_rows(rows), sorted_rows(others), strict=True):
+            for reason in reasons(row, other) + other_truth(row, other):
+                raise StageError(f"{row['capture']} {row['condition']}: {reason}")
+
+
+def sorted_rows(rows: Sequence[Row]) -> list[Row]:
+    """Return rows by experiment."""
+    return sorted(rows, key=lambda row: (row["capture"], row["condition"], row["seed"]))
 
 
 def same_bits(pairs: Sequence[Comparison]) -> list[Comparison]:
@@ -223,6 +237,7 @@ def scores(runs: Runs, count: int, against: str | None, *, others: bool) -> dict
     one = list(known.rows) if known else compared[0]
     rest = compared if known else compared[1:]
     pairs, each = same_speed(independent(compared)), same_speed([(rows, one) for rows in rest])
+    check_comparable(each)
     outcomes = {
         "the same bits": rates_of([(one, one)] * DRAWS, noise=noise),
         "other rounding, in pairs": rates_of(pairs, noise=noise),
@@ -251,7 +266,8 @@ def main() -> int:
     options = parser.parse_args()
     config = load_toml(options.config)
     count = options.runs or {"scores": 320, "speed": 60}[options.what]
-    runs = Runs(config, options.out)
+    # a committed baseline's truth is composited at the photos' own size
+    runs = Runs(config, options.out, small=options.baseline is None)
     if options.first is not None:
         runs.read(options.what, range(options.first, count))
         return 0

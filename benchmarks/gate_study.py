@@ -80,7 +80,7 @@ class Runs:
                 if number % 20 == 0:
                     load = os.getloadavg()[0]
                     print(f"{kind} {number}: load average {load:.1f}", flush=True)
-        return [read_rows(self._path(kind, number)) for number in numbers]
+        return [sorted_rows(read_rows(self._path(kind, number))) for number in numbers]
 
     def _path(self, kind: str, number: int) -> Path:
         return self.out / f"{kind}-{number:04d}.json"
@@ -109,7 +109,7 @@ class Runs:
     def check_same_bits(self) -> None:
         """Repeat run 0; raises :class:`StageError` where its scores are others now."""
         (first,) = self.read("scores", range(1))
-        for old, new in zip(first, self.one(0), strict=True):
+        for old, new in zip(first, sorted_rows(self.one(0)), strict=True):
             if new["per_view"] != old["per_view"]:
                 raise StageError(f"{old['capture']} {old['condition']}: other bits when repeated")
 
@@ -156,7 +156,7 @@ def _log_speed(row: Row, metric: str) -> float:
 def check_comparable(pairs: Sequence[Comparison]) -> None:
     """Raise :class:`StageError` where rows do not compare: each would count as a missed loss."""
     for rows, others in pairs:
-        for row, other in zip(sorted_rows(rows), sorted_rows(others), strict=True):
+        for row, other in zip(rows, others, strict=True):
             for reason in reasons(row, other) + other_truth(row, other):
                 raise StageError(f"{row['capture']} {row['condition']}: {reason}")
 
@@ -234,7 +234,7 @@ def scores(runs: Runs, count: int, against: str | None, *, others: bool) -> dict
     noise = known.noise if known else baseline.measured_noise(runs.read("scores", range(first)))
     print("\nNoise", ", ".join(f"{k} {v:.2g}" for k, v in noise.items()))
     compared = runs.read("scores", range(first, count))
-    one = list(known.rows) if known else compared[0]
+    one = sorted_rows(known.rows) if known else compared[0]
     rest = compared if known else compared[1:]
     pairs, each = same_speed(independent(compared)), same_speed([(rows, one) for rows in rest])
     check_comparable(each)

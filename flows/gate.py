@@ -91,8 +91,10 @@ def find_baseline(out: Path, benchmark: str, against: str) -> Baseline:
     return baseline.make(rows, f"{benchmark}@{against}")
 
 
-def make_baseline(out: Path, benchmark: str, file: Path, again: Sequence[Path] = ()) -> Path:
-    """Write a recorded benchmark's rows as a baseline; returns the file's path.
+def make_baseline(
+    out: Path, benchmark: str, file: Path, again: Sequence[Path] = ()
+) -> tuple[Path, int]:
+    """Write a recorded benchmark's rows as a baseline; returns its path, and how many rows failed.
 
     Its noise is measured between these rows and those of ``again``, runs of the same code; without
     them a baseline of the same benchmark that is replaced hands on its own.
@@ -106,7 +108,7 @@ def make_baseline(out: Path, benchmark: str, file: Path, again: Sequence[Path] =
     else:
         noise = baseline.kept_noise(file, benchmark)
     baseline.make(rows, benchmark, noise).save(file)
-    return file
+    return file, sum(row["status"] == "failed" for row in rows)
 
 
 def recorded(out: Path, benchmark: str) -> list[Row]:

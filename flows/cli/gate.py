@@ -129,7 +129,9 @@ def baseline(
     from flows import gate as judge
 
     name = _named(benchmark, config, out)
-    made = judge.make_baseline(out.resolve(), name, file, again or [])
+    made, failed = judge.make_baseline(out.resolve(), name, file, again or [])
+    if failed:
+        typer.echo(f"{failed} experiments failed; the gate will expect them to fail.", err=True)
     typer.echo(f"Baseline: {made.resolve()}")
 
 

@@ -23,6 +23,7 @@ from mattgs_ops.capture.video import VIDEO_SUFFIXES
 from mattgs_ops.config import CaptureConfig
 from mattgs_ops.errors import InputError
 
+RENDERED_FILE = "object.json"  # how a rendered capture was made (synthetic/render.py)
 BUNDLED_FOLDER = Path(__file__).resolve().parent.parent / "bundled"
 # Stands for the slash in the name of a view whose photo lies in a folder of its own: later stages
 # keep all views of a capture in one folder.
@@ -108,8 +109,10 @@ def open_source(capture: CaptureConfig) -> Source:
     kind = _detect(root) if capture.kind == "auto" else capture.kind
     if kind == "nerfstudio":
         found = nerfstudio.read_nerfstudio(root)
-        masks = _mask_folder(root)
-        return _of_frames(root, found, "given", masks=masks, own_masks=capture.masks)
+        # `mattgs captures render` writes both; a folder `ids` of any other origin is something else
+        ids = root / "ids" if (root / RENDERED_FILE).is_file() else None
+        places = {"masks": _mask_folder(root), "ids": ids, "own_masks": capture.masks}
+        return _of_frames(root, found, "given", **places)
     return _of_folder(capture, root, with_model=kind == "colmap")
 
 

@@ -103,9 +103,11 @@ def store_truth(
         save_png(out / "truth" / place, as_bytes(target.image))
         if masked:
             save_png(out / "masks" / place, as_bytes(target.mask))
-        if view.ids is not None:
-            save_png(out / "details" / place, _details(view.ids, target.mask.shape))
-        has = masked, view.ids is not None, view.coverage is not None
+        # what training views show of small structures is not scored, even where it is known
+        ids = view.ids if view.split == "test" else None
+        if ids is not None:
+            save_png(out / "details" / place, _details(ids, target.mask.shape))
+        has = masked, ids is not None, view.coverage is not None
         stored.append(TruthView(view.name, view.split, *has))
         progress(index + 1, len(chosen), f"{view.name} stored")
     result = StoredTruth(SCHEMA, background, resolution, train_every, tuple(stored), missing)

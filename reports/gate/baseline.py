@@ -74,11 +74,13 @@ class Baseline:
 def make(rows: Sequence[Row], name: str, noise: Mapping[str, float] | None = None) -> Baseline:
     """Make a baseline of rows; raises :class:`InputError` listing what is wrong with them.
 
-    Failed rows may be part of it: a cell that failed is then expected to fail, or is fixed.
+    Failed rows may be part of it: a cell that failed is then expected to fail, or is fixed. Rows
+    that failed all together are none.
     """
     wrong = problems(rows)
-    if wrong or not rows:
-        listed = "\n".join(wrong) or "there are none"
+    if wrong or not any(row["status"] == "finished" for row in rows):
+        reasons = sorted({f"failed: {row['reason']}" for row in rows if not wrong})
+        listed = "\n".join(wrong or reasons) or "there are none"
         raise InputError(f"baseline {name}: rows cannot be used:\n{listed}")
     slim = [_slim(row) for cell in cells(rows) for row in cell.rows]
     machine, made_by, workload = _origin(slim)

@@ -74,6 +74,17 @@ def test_details_are_shrunk_with_the_photo_so_that_thin_ones_stay(
     assert result["metrics"]["detail_psnr"] > 15
 
 
+def test_details_of_training_views_are_not_scored(scene: Scene, ply: Path, tmp_path: Path) -> None:
+    Image.fromarray(np.full((HEIGHT, WIDTH), 2, np.uint8)).save(tmp_path / "ids.png")
+    known = scene
+    for number in range(len(scene.views)):
+        known = changed(known, number, ids=tmp_path / "ids.png")
+    render_views(known, ply, ORIGINAL, WIDTH, tmp_path / "out")
+    result = score(tmp_path / "out")
+    assert result["counts"]["detail_psnr"] == 2
+    assert "train_detail_psnr" not in result["metrics"]
+
+
 def test_what_is_stored_is_what_is_scored(scene: Scene, ply: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     rendered = render_views(scene, ply, ORIGINAL, WIDTH, out)

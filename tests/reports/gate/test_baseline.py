@@ -153,6 +153,13 @@ def test_bad_rows_make_no_baseline(make_row: Callable[..., Row]) -> None:
         baseline.make([], "quick")
 
 
+def test_a_run_of_which_nothing_finished_makes_no_baseline(make_row: Callable[..., Row]) -> None:
+    failed = make_row("rover", "nobg", "3dgs", status="failed", reason="train: out of memory")
+    with pytest.raises(InputError, match="failed: train: out of memory"):
+        baseline.make([failed], "quick")
+    assert len(baseline.make([failed, make_row("rover", "nobg", "ours")], "quick").rows) == 2
+
+
 def test_every_committed_baseline_can_be_read() -> None:
     for path in baseline.FOLDER.glob("*.json"):
         assert problems(baseline.load(path).rows) == []

@@ -73,7 +73,7 @@ def test_other_rounding_is_no_loss(known: baseline.Baseline, seed: int) -> None:
     for rows in (moved, elsewhere(moved)):
         assert not worse(rows, known)
         seen = compare(rows, known.rows, noise=known.noise).smallest_named()
-        assert 0.15 < seen["psnr"] < 0.3, "other rounding costs sight, but not that of 0.3 dB"
+        assert 0.1 < seen["psnr"] < 0.25, "other rounding costs sight, but not that of 0.3 dB"
     assert compare(known.rows, known.rows).smallest_named()["psnr"] == pytest.approx(0.1)
 
 
@@ -192,10 +192,12 @@ def test_nothing_conclusive_is_nothing_judged(known: baseline.Baseline) -> None:
     rng = np.random.default_rng(0)
     rows: list[dict[str, Any]] = json.loads(json.dumps(list(known.rows)))
     scores = ("psnr", "mask_psnr", "ssim", "mask_ssim", "l1", "mask_l1", "paper_l1")
+    scores += ("detail_psnr", "detail_ssim")
     for row in rows:
         for view in held_out_views(row):
             for metric in scores:
-                view[metric] *= rng.uniform(0.5, 1.5)  # type: ignore[index]
+                if view.get(metric) is not None:  # small parts are known in some views
+                    view[metric] *= rng.uniform(0.5, 1.5)  # type: ignore[index]
     report = compare(rows, known.rows, doubt=Doubt.NONE)
     assert not any(f.verdict == Verdict.WORSE for f in report.findings)
     assert report.exit_code == Exit.CANNOT_JUDGE

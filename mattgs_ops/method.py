@@ -31,10 +31,12 @@ class MethodConfig(Frozen):
 
     ``weighting``: ``paper`` is eq. 15, ``A * |y - y_hat|``; ``residual`` is
     ``(1 + weight * A + mask_weight * M) * |y - y_hat|`` normalised to mean weight 1 (eq. 6, with
-    the mask M beside the attention A); with ``weight_ssim`` the same weight is on SSIM's map.
+    the mask M beside the attention A); ``within`` gives the object as much in all, and shares it
+    out inside by ``1 + weight * A``; with ``weight_ssim`` the same weight is on SSIM's map.
     ``attention``: ``paper`` is eqs. 9–14 on the training image as it is; ``interior`` is computed
     on the photo before compositing, and suppressed on a band along the mask's edge; ``object`` is
-    the same with everything outside the mask suppressed too, whatever the background.
+    the same with everything outside the mask suppressed too, whatever the background; ``local`` is
+    the object's edges relative to those around them.
     ``densify``: which screen-space gradient asks for more splats, the ``signed`` sum over pixels
     (Kerbl et al. 2023) or the ``absolute`` one (AbsGS, Ye et al. 2024).
     ``growth``: ``threshold`` densifies where that gradient is high, ``budget`` as many splats as a
@@ -45,17 +47,21 @@ class MethodConfig(Frozen):
     or by blending weight times attention (``blend``).
     """
 
-    attention: Literal["paper", "interior", "object"] = "paper"
-    weighting: Literal["none", "paper", "residual"] = "none"
+    attention: Literal["paper", "interior", "object", "local"] = "paper"
+    weighting: Literal["none", "paper", "residual", "within"] = "none"
     weight: float = Field(1.0, ge=0)
-    mask_weight: float = Field(0.0, ge=0, description="of the object's pixels, `residual` only")
-    weight_ssim: bool = Field(False, description="D-SSIM is weighted as L1 is, `residual` only")
+    mask_weight: float = Field(
+        0.0, ge=0, description="of the object's pixels, `residual` and `within` only"
+    )
+    weight_ssim: bool = Field(
+        False, description="D-SSIM is weighted as L1 is, `residual` and `within` only"
+    )
     edge_tolerance: float = Field(
         0.0,
         ge=0,
         le=0.1,
         description="share of the image's longest side, rounded to pixels, in which emptiness "
-        "around a cut-out weighs nothing, `residual` on `nobg`",
+        "around a cut-out weighs nothing, `residual` and `within` on `nobg`",
     )
     alpha_loss: float = Field(
         0.0, ge=0, description="times the mean of |opacity - mask|, on `nobg` only"
@@ -86,6 +92,12 @@ class MethodConfig(Frozen):
     densify_attention: float = Field(
         0.0, ge=0, description="a splat's gradient counts (1 + this * attention) / mean"
     )
+    split_attention: float | None = Field(
+        None,
+        gt=0,
+        le=1,
+        description="splats of this attention and more are split, however small, and never cloned",
+    )
     prune: Literal["none", "pixel", "blend"] = "none"
     prune_initial: bool = False
     prune_attention: float = Field(0.05, ge=0, le=1, description="low attention is below this")
@@ -96,10 +108,10 @@ class MethodConfig(Frozen):
 
     @model_validator(mode="after")
     def _weighted_by_residual(self) -> "MethodConfig":
-        if self.weight_ssim and self.weighting != "residual":
+        if self.weight_ssim and not self.keeps_scale:
             # A alone is near 0 almost everywhere: D-SSIM would be switched off with L1
             raise ValueError(
-                f"weight_ssim: expected weighting `residual`, found `{self.weighting}`"
+                f"weight_ssim: expected weighting `residual` or `within`, found `{self.weighting}`"
             )
         return self
 
@@ -107,7 +119,8 @@ class MethodConfig(Frozen):
     def _relocated_and_nothing_else(self) -> "MethodConfig":
         if self.growth != "mcmc":
             return self
-        for name in ("densify", "densify_attention", "prune", "prune_contribution"):
+        gradients_only = ("densify", "densify_attention", "split_attention")
+        for name in (*gradients_only, "prune", "prune_contribution"):
             taken, found = type(self).model_fields[name].default, getattr(self, name)
             if found != taken:
                 raise ValueError(f"{name}: expected {taken!r} with growth `mcmc`, found {found!r}")
@@ -128,7 +141,13 @@ class MethodConfig(Frozen):
     @property
     def wants_blending(self) -> bool:
         """Whether the rasteriser must sum blending weights (and attention) per splat."""
-        return self.prune == "blend" or self.densify_attention > 0 or self.prune_contribution > 0
+        by_attention = self.densify_attention > 0 or self.split_attention is not None
+        return by_attention or self.prune == "blend" or self.prune_contribution > 0
+
+    @property
+    def keeps_scale(self) -> bool:
+        """Whether the loss is weighted with mean weight 1."""
+        return self.weighting in ("residual", "within")
 
 
 TUNED = MethodConfig(

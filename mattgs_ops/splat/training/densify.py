@@ -98,16 +98,20 @@ def grow(
     config: TrainConfig,
     extent: float,
     rng: np.random.Generator,
+    divided: Tensor | None = None,
 ) -> Splats:
     """Clone and split where ``gradient`` [N] reaches ``threshold``; ``adam`` follows.
 
-    Returns the new splats: those that stayed whole first, then what was added.
+    Splats of ``divided`` [N] bool are split even when they are small. Returns the new splats: those
+    that stayed whole first, then what was added.
     """
     wanted = _strongest(gradient, gradient >= threshold, config.max_splats - len(gradient))
     large = splats.log_scales.amax(dim=1) > math.log(config.densify_scale * extent)
+    if divided is not None:
+        large |= divided
     cloned = torch.nonzero(wanted & ~large)[:, 0]
-    divided = torch.nonzero(wanted & large)[:, 0]
-    added = concatenate(select(splats, cloned), _halves(select(splats, divided), rng))
+    halved = torch.nonzero(wanted & large)[:, 0]
+    added = concatenate(select(splats, cloned), _halves(select(splats, halved), rng))
     kept = torch.nonzero(~(wanted & large))[:, 0]
     adam.keep(kept)
     adam.join(len(added))

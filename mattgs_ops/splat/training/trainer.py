@@ -194,7 +194,7 @@ class Trainer:
         """Return the alpha loss of a view and dL/d alpha [H, W]; 0 and None where there is none."""
         if self.method.alpha_loss == 0 or self.background == "original":
             return 0.0, None
-        weight = self.weights(index) if self.method.weighting == "residual" else None
+        weight = self.weights(index) if self.method.keeps_scale else None
         mask = unit_range(self.views[index].mask)
         return alpha_loss(rendering.alpha, mask, self.method.alpha_loss, weight)
 

@@ -7,8 +7,13 @@ from mattgs_ops.capture.camera import Camera, Intrinsics
 from mattgs_ops.method import MethodConfig
 from mattgs_ops.splat.attention import (
     EDGE_BAND,
+    FLAT,
+    HALF_AT,
+    NEIGHBOURHOOD,
     attention_map,
+    inner,
     interior_attention,
+    local_attention,
     loss_weights,
     paper_attention,
     point_scores,
@@ -122,6 +127,74 @@ def test_the_object_map_is_the_interior_map_without_the_surroundings() -> None:
         assert not found[mask == 0].any()
     surroundings = attention_map(image, image, mask, kind="interior", removed=False)[mask == 0]
     assert surroundings.any()
+
+
+def test_the_local_map_is_each_edge_beside_those_around_it() -> None:
+    """Pixel by pixel: magnitudes of the object, weighted by two squares' pyramid about each."""
+    image, mask = a_disc_in_the_frame()
+    kept = inner(mask)
+    slow = np.where(kept, slow_magnitude(image), 0)
+    side = round((6 * (NEIGHBOURHOOD * 40) ** 2 + 1) ** 0.5)
+    assert side == 5
+    reach = side - 1
+    pyramid = side - np.abs(np.arange(-reach, reach + 1))
+    padded, inside = np.pad(slow, reach), np.pad(kept.astype(float), reach)
+    expected = np.zeros((40, 40))
+    for y, x in zip(*np.nonzero(kept), strict=True):
+        window = np.outer(pyramid, pyramid) * inside[y : y + 2 * reach + 1, x : x + 2 * reach + 1]
+        values = padded[y : y + 2 * reach + 1, x : x + 2 * reach + 1]
+        around = (window * values).sum() / window.sum() + FLAT * slow[kept].mean()
+        expected[y, x] = slow[y, x] / (slow[y, x] + HALF_AT * around)
+    found = local_attention(image, mask)
+    assert found.dtype == np.float32
+    np.testing.assert_allclose(found, expected, atol=2e-5)
+    for removed in (False, True):
+        chosen = attention_map(image, image, mask, kind="local", removed=removed)
+        np.testing.assert_array_equal(chosen, found)
+
+
+def test_a_glint_takes_no_local_attention_from_print_elsewhere() -> None:
+    image = np.full((60, 80, 3), 0.5, np.float32)
+    image[20:40, 10:20:2] = 0.55  # print of little contrast
+    mask = np.ones((60, 80), np.float32)
+    before = local_attention(image, mask)[20:40, 10:20].mean()
+    image[28:32, 60:64] = 5.0
+    after = {
+        kind: attention_map(image, image, mask, kind=kind, removed=True)[20:40, 10:20].mean()
+        for kind in ("object", "local")
+    }
+    assert after["object"] < 0.02
+    assert after["local"] > 0.7 * before > 0.07
+
+
+@pytest.mark.parametrize("value", [0.0, 0.4])
+def test_flat_objects_and_empty_masks_have_no_local_attention(value: float) -> None:
+    flat = np.full((9, 12, 3), value, np.float32)
+    assert not local_attention(flat, np.ones((9, 12), np.float32)).any()
+    assert not local_attention(photo(), np.zeros((13, 17), np.float32)).any()
+
+
+def test_weights_within_the_object_come_from_its_flat_parts() -> None:
+    image, mask = a_disc_in_the_frame()
+    attention = local_attention(image, mask)
+    kept = inner(mask)
+    without, with_it = (
+        loss_weights(
+            attention,
+            mask,
+            MethodConfig(weighting="within", weight=weight, mask_weight=3.0),
+            removed=False,
+        )
+        for weight in (0.0, 15.0)
+    )
+    assert without is not None
+    assert with_it is not None
+    raised = 1 + 15.0 * attention.astype(np.float64)
+    expected = (1 + 3.0 * mask) * np.where(kept, raised / raised[kept].mean(), 1)
+    np.testing.assert_allclose(with_it, expected / expected.mean(), rtol=1e-5)
+    # the outline, what is outside, and the object as a whole weigh what they did
+    np.testing.assert_allclose(with_it[~kept], without[~kept], rtol=1e-5)
+    assert with_it[kept].mean() == pytest.approx(without[kept].mean(), rel=1e-5)
 
 
 def test_weights_are_none_the_map_itself_or_raised_to_mean_one() -> None:

@@ -82,6 +82,18 @@ def test_high_gradients_clone_the_small_and_split_the_large(splats: Splats, adam
     assert not torch.equal(grown.means[6], grown.means[7])
 
 
+def test_attended_splats_are_split_however_small_they_are(splats: Splats, adam: Adam) -> None:
+    noticed = record([3e-4, 1e-4, 0, 1e-4, 5e-4, 0])
+    attended = torch.tensor([True, True, False, False, False, False])
+    gradients, config = noticed.gradients(), TrainConfig()
+    threshold = config.densify_gradient
+    grown = grow(splats, adam, gradients, threshold, config, EXTENT, rng(), attended)
+    # 0 and 4 replaced by two each: kept 1 2 3 5, then the first halves, then the second ones
+    assert torch.equal(grown.means[:4], splats.means[[1, 2, 3, 5]])
+    halves = splats.log_scales[[0, 4, 0, 4]].exp() / 1.6
+    torch.testing.assert_close(grown.log_scales[4:].exp(), halves)
+
+
 def test_adams_moments_stay_with_the_old_and_are_zero_for_the_new(
     splats: Splats, adam: Adam
 ) -> None:

@@ -1,4 +1,4 @@
-"""Masks beside photos: naming, polarity, and what cannot be a mask."""
+"""Masks and id maps beside photos: naming, polarity, and what cannot be a mask."""
 
 from pathlib import Path
 
@@ -7,7 +7,10 @@ import pytest
 from PIL import Image
 
 from mattgs_ops.capture.mask_files import decode_mask, find_mask, looks_inverted, polarity_problem
+from mattgs_ops.capture.prepare import prepare
+from mattgs_ops.config import CaptureConfig
 from mattgs_ops.errors import InputError
+from tests.mattgs_ops.capture.conftest import NAMES, run, write_transforms
 
 SIZE = (30, 20)
 
@@ -91,3 +94,24 @@ def test_a_set_is_judged_as_a_whole() -> None:
     assert message is not None
     assert "2 of 3 masks look inverted, for example a" in message
     assert "255 = object" in message
+
+
+def test_bundled_captures_know_the_small_structures_of_test_views(tmp_path: Path) -> None:
+    prepared = prepare(CaptureConfig(name="rover"), tmp_path / "out", test_every=8)
+    for view in prepared.views:
+        assert (view.ids is not None) == (view.split == "test")
+        if view.ids is not None:
+            ids = np.asarray(Image.open(view.ids))
+            assert ids.shape == (view.height, view.width)
+            assert set(np.unique(ids)) <= {0, 1, 2, 3}
+
+
+def test_small_structures_of_a_rendered_capture_are_known_under_any_name(tmp_path: Path) -> None:
+    folder = write_transforms(tmp_path / "in")
+    (folder / "ids").mkdir()
+    height, width = np.asarray(Image.open(run(folder, tmp_path / "out").views[0].photo)).shape[:2]
+    Image.fromarray(np.ones((height, width), np.uint8)).save(folder / "ids" / f"{NAMES[0]}.png")
+    assert {view.ids for view in run(folder, tmp_path / "no").views} == {None}  # of unknown origin
+    (folder / "object.json").write_text("{}")
+    known = [view.name for view in run(folder, tmp_path / "yes").views if view.ids is not None]
+    assert known == [NAMES[0]]

@@ -253,27 +253,6 @@ def test_kind_overrides_what_was_detected(tmp_path: Path) -> None:
     assert len(capture.views) == len(NAMES)
 
 
-def test_bundled_captures_know_the_small_structures_of_test_views(tmp_path: Path) -> None:
-    prepared = prepare(CaptureConfig(name="rover"), tmp_path / "out", test_every=8)
-    for view in prepared.views:
-        assert (view.ids is not None) == (view.split == "test")
-        if view.ids is not None:
-            ids = np.asarray(Image.open(view.ids))
-            assert ids.shape == (view.height, view.width)
-            assert set(np.unique(ids)) <= {0, 1, 2, 3}
-
-
-def test_small_structures_of_a_rendered_capture_are_known_under_any_name(tmp_path: Path) -> None:
-    folder = write_transforms(tmp_path / "in")
-    (folder / "ids").mkdir()
-    height, width = np.asarray(Image.open(run(folder, tmp_path / "out").views[0].photo)).shape[:2]
-    Image.fromarray(np.ones((height, width), np.uint8)).save(folder / "ids" / f"{NAMES[0]}.png")
-    assert {view.ids for view in run(folder, tmp_path / "no").views} == {None}  # of unknown origin
-    (folder / "object.json").write_text("{}")
-    known = [view.name for view in run(folder, tmp_path / "yes").views if view.ids is not None]
-    assert known == [NAMES[0]]
-
-
 def test_bundled_captures_hold_the_truth(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_transforms(tmp_path / "bundled" / "rover")
     write_masks(tmp_path / "bundled" / "rover" / "masks", disc())

@@ -54,37 +54,6 @@ def test_worse_splats_score_worse(scene: Scene, tmp_path: Path) -> None:
     assert 0 < metrics["paper_l1"] < metrics["l1"]
 
 
-def test_details_are_shrunk_with_the_photo_so_that_thin_ones_stay(
-    scene: Scene, ply: Path, tmp_path: Path
-) -> None:
-    ids = np.zeros((HEIGHT, WIDTH), np.uint8)
-    ids[:, 20] = 2  # half a pixel wide at half the size
-    ids[0, 0] = 1  # a quarter of one
-    Image.fromarray(ids).save(tmp_path / "ids.png")
-    known = changed(scene, 0, ids=tmp_path / "ids.png")
-    render_views(known, ply, ORIGINAL, WIDTH // 2, tmp_path / "out")
-    details = stored(tmp_path / "out" / "details" / "test" / "00.jpg.png")
-    rows, columns = np.nonzero(details)
-    assert {*zip(rows.tolist(), columns.tolist(), strict=True)} == {
-        (0, 0),
-        *((row, 10) for row in range(HEIGHT // 2)),
-    }
-    result = score(tmp_path / "out")
-    assert result["counts"]["detail_psnr"] == 1  # of two test views
-    assert result["metrics"]["detail_psnr"] > 15
-
-
-def test_details_of_training_views_are_not_scored(scene: Scene, ply: Path, tmp_path: Path) -> None:
-    Image.fromarray(np.full((HEIGHT, WIDTH), 2, np.uint8)).save(tmp_path / "ids.png")
-    known = scene
-    for number in range(len(scene.views)):
-        known = changed(known, number, ids=tmp_path / "ids.png")
-    render_views(known, ply, ORIGINAL, WIDTH, tmp_path / "out")
-    result = score(tmp_path / "out")
-    assert result["counts"]["detail_psnr"] == 2
-    assert "train_detail_psnr" not in result["metrics"]
-
-
 def test_what_is_stored_is_what_is_scored(scene: Scene, ply: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     rendered = render_views(scene, ply, ORIGINAL, WIDTH, out)

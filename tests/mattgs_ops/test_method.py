@@ -4,12 +4,13 @@ from pathlib import Path
 
 import pytest
 
-from mattgs_ops.config import BenchmarkConfig
+from mattgs_ops.config import BenchmarkConfig, Condition
 from mattgs_ops.config_file import load_toml
 from mattgs_ops.errors import InputError
 from mattgs_ops.method import METHODS, MethodConfig
 
-ABLATION = Path(__file__).parents[2] / "benchmarks" / "ablation.toml"
+BENCHMARKS = sorted((Path(__file__).parents[2] / "benchmarks").glob("*.toml"))
+(ABLATION,) = (path for path in BENCHMARKS if path.stem == "ablation")
 
 
 def test_plain_3dgs_switches_nothing_of_ours_on() -> None:
@@ -74,3 +75,12 @@ def test_the_ablation_leaves_out_and_adds_one_part_at_a_time() -> None:
             assert value in (getattr(plain, field), getattr(best, field), 0.0, 8e-4), (name, field)
     assert all(config.method(name) != plain for name in added)
     assert all(config.method(name) != best for name in left_out)
+
+
+@pytest.mark.parametrize("path", BENCHMARKS, ids=lambda path: str(path.stem))
+def test_every_benchmark_file_names_conditions_that_can_be_trained(path: Path) -> None:
+    config = load_toml(path)
+    assert config.name == path.stem
+    for condition in config.conditions:
+        method = Condition.parse(condition).method
+        assert method in config.trainers or config.method(method)

@@ -244,10 +244,18 @@ def run(config: BenchmarkConfig, scenes: Scenes, out: Path) -> list[Row]:
 def time_again(
     config: BenchmarkConfig, rows: Sequence[Row], scenes: Scenes, out: Path
 ) -> list[Row]:
-    """Return the rows of the same points with speeds of another run."""
+    """Return the rows of the same points, in any order, with speeds of another run."""
+    found = {(row["capture"], row["condition"], row["seed"]): row for row in rows}
     return [
-        timed_again(config, row, cell, scene, _folder(out, cell), fewest_seconds=RENDERED_SECONDS)
-        for row, (cell, (scene, _)) in zip(rows, _all_cells(config, scenes), strict=True)
+        timed_again(
+            config,
+            found[cell.capture, cell.condition, cell.seed],
+            cell,
+            scene,
+            _folder(out, cell),
+            fewest_seconds=RENDERED_SECONDS,
+        )
+        for cell, (scene, _) in _all_cells(config, scenes)
     ]
 
 

@@ -260,11 +260,14 @@ def main() -> int:
     parser.add_argument("out", type=Path, help="folder for the runs")
     parser.add_argument("--config", type=Path, default=HERE / "gate-study.toml")
     parser.add_argument("--runs", type=int, help="of the same code on this machine")
+    parser.add_argument("--seeds", type=int, help="of each experiment; the file's without it")
     parser.add_argument("--first", type=int, help="only make the runs from this number on")
     parser.add_argument("--baseline", help="name of a committed baseline of the same benchmark")
     parser.add_argument("--others", action="store_true", help="other instruction sets too")
     options = parser.parse_args()
     config = load_toml(options.config)
+    if options.seeds:
+        config = config.model_copy(update={"seeds": tuple(range(options.seeds))})
     count = options.runs or {"scores": 320, "speed": 60}[options.what]
     # a committed baseline's truth is composited at the photos' own size
     runs = Runs(config, options.out, small=options.baseline is None)

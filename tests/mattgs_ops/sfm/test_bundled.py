@@ -9,7 +9,7 @@ from mattgs_ops import sfm
 from mattgs_ops.capture import prepare, source
 from mattgs_ops.config import BUNDLED, CaptureConfig, SfmConfig
 
-VIEWS = 8  # neighbours on one orbit; `benchmarks/sfm/modes.py` measures all 48
+VIEWS = 8  # neighbours on one orbit; `benchmarks/sfm/modes.py` measures all
 
 
 def first_views(name: str, folder: Path) -> None:
@@ -17,8 +17,13 @@ def first_views(name: str, folder: Path) -> None:
     bundled = source.BUNDLED_FOLDER / name
     document = json.loads((bundled / "transforms.json").read_text(encoding="utf-8"))
     frames = sorted(document["frames"], key=lambda frame: str(frame["file_path"]))[:VIEWS]
+    # the first view is held out here: those of the capture's own split are not among them
+    names = [frame["file_path"] for frame in frames]
+    split = {"train_filenames": names[1:], "test_filenames": names[:1]}
     (folder / name).mkdir(parents=True)
-    (folder / name / "transforms.json").write_text(json.dumps(document | {"frames": frames}))
+    (folder / name / "transforms.json").write_text(
+        json.dumps(document | {"frames": frames} | split)
+    )
     for part in ("images", "masks", "ids"):
         (folder / name / part).symlink_to(bundled / part)
 

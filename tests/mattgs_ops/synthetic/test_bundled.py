@@ -14,8 +14,10 @@ from mattgs_ops.config import BUNDLED
 from mattgs_ops.synthetic.contact_sheet import contact_sheet
 
 FOLDER = Path(mattgs_ops.__file__).parent / "bundled"
-VIEWS, SIZE = 48, (640, 480)
-BUDGET = 20e6  # bytes, all three together
+VIEWS, TEST_VIEWS, SIZE = 48, 24, (800, 600)
+TRAIN = [f"{k:04d}.jpg" for k in range(VIEWS)]
+TEST = [f"test_{k:04d}.jpg" for k in range(TEST_VIEWS)]
+BUDGET = 45e6  # bytes, all three together
 
 
 @pytest.fixture(params=BUNDLED)
@@ -46,22 +48,28 @@ def test_all_captures_fit_their_budget() -> None:
 
 
 def test_photos_masks_and_cameras_belong_together(folder: Path) -> None:
-    names = [f"{k:04d}.jpg" for k in range(VIEWS)]
-    assert sorted(p.name for p in (folder / "images").iterdir()) == names
-    assert sorted(cameras(folder)) == names
-    assert sorted(masks(folder)) == names
+    assert sorted(p.name for p in (folder / "images").iterdir()) == TRAIN + TEST
+    assert sorted(cameras(folder)) == TRAIN + TEST
+    assert sorted(masks(folder)) == TRAIN + TEST
     for path in (folder / "images").iterdir():
         with Image.open(path) as photo:
             assert (photo.size, photo.mode, photo.format) == (SIZE, "RGB", "JPEG")
 
 
-def test_masks_are_binary_and_hold_the_object_whole(folder: Path) -> None:
+def test_the_split_is_the_captures_own(folder: Path) -> None:
+    data = json.loads((folder / "transforms.json").read_text())
+    assert data["train_filenames"] == [f"images/{name}" for name in TRAIN]
+    assert data["test_filenames"] == [f"images/{name}" for name in TEST]
+
+
+def test_masks_hold_each_pixels_share_and_the_object_whole(folder: Path) -> None:
     for name, mask in masks(folder).items():
         assert mask.shape == SIZE[::-1]
         assert mask.dtype == np.uint8
-        assert ((mask == 0) | (mask == 255)).all()
-        assert 0.1 < (mask > 0).mean() < 0.35, name
-        rows, columns = np.nonzero(mask)
+        partly = (mask > 0) & (mask < 255)
+        assert 0.001 < partly.mean() < 0.04, "the outline is partly covered, and nothing else"
+        assert 0.1 < (mask > 127).mean() < 0.35, name
+        rows, columns = np.nonzero(mask > 127)
         assert abs(columns.mean() / SIZE[0] - 0.5) < 0.15, name
         assert abs(rows.mean() / SIZE[1] - 0.5) < 0.2, name
         sides = np.concatenate([mask[:, 0], mask[:, -1]])
@@ -86,9 +94,8 @@ def test_known_points_of_the_object_project_into_its_masks(folder: Path) -> None
 
 def test_small_structures_lie_on_the_object_in_every_test_view(folder: Path) -> None:
     found = masks(folder)
-    names = sorted(found)[::8]
     paths = sorted((folder / "ids").iterdir())
-    assert [p.name.removesuffix(".png") for p in paths] == names
+    assert [p.name.removesuffix(".png") for p in paths] == TEST
     for path in paths:
         with Image.open(path) as image:
             assert image.mode == "P"
@@ -109,6 +116,6 @@ def test_the_surroundings_hold_more_features_than_the_object(folder: Path) -> No
 
 def test_a_contact_sheet_shows_photos_over_masks(folder: Path) -> None:
     page = contact_sheet(folder)
-    assert page.shape == (4 * 240, 4 * 320, 3)
+    assert page.shape == (6 * 240, 4 * 320, 3)
     photos, cut = page[:240].astype(float), page[240:480].astype(float)
     assert cut.mean() < 0.6 * photos.mean()

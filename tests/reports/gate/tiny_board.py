@@ -64,9 +64,11 @@ SLEEP = 0.5  # of the time that a rendering takes
 
 
 def part_of_the_board(folder: Path) -> Path:
-    """Write a capture of every other photo, small, with masks and poses."""
+    """Write a capture of every other training photo, small, with masks and poses, without a split."""
     document = json.loads((BOARD / "transforms.json").read_text())
-    frames = sorted(document["frames"], key=lambda frame: frame["file_path"])[::EVERY]
+    training = document.pop("train_filenames")[::EVERY]
+    del document["test_filenames"]
+    frames = [frame for frame in document["frames"] if frame["file_path"] in training]
     for frame in frames:
         name = Path(frame["file_path"]).name
         for path in (Path("images") / name, Path("masks") / f"{name}.png"):

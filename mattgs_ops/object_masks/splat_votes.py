@@ -20,6 +20,7 @@ import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from mattgs_ops.capture.camera import Camera
 from mattgs_ops.capture.masks import SoftMap
@@ -39,7 +40,7 @@ SHARE = 0.5  # of a pixel's colour that must come from the object's splats
 REACH = 0.9  # share of the certain splats within the object's radius
 BESIDE = 1.2  # radii: ground goes on beyond the object; a base plate, which it stands on, does not
 FRONT = 2.0  # radii before the object's middle, beyond which a splat is no part of it
-CONTACT = 0.04  # of the radius: height above the plane below which a splat is ground
+CONTACT = 0.04  # of the radius: height above the plane below which a splat is ground, or a foot
 SOLID = 0.3  # opacity from which on a splat is a surface
 BLACK = (0.0, 0.0, 0.0)
 UNSEEN = 1e-6  # blending weight, pixels: no view sees such a splat
@@ -120,14 +121,15 @@ def collect(
     place = locate(splats, answers.labels(), weights, around)
     if place is None:
         return None
-    labels = without_ground(splats, answers.labels(), place)
+    direct = answers.labels()
+    labels = without_ground(splats, direct, place)
     first = [
         stretched(render_labels(splats, labels, camera, place, threads=threads))
         for camera in around
     ]
     again = tally(splats, around, first, threads=threads).labels()
     certain = (without_ground(splats, again, place) >= CERTAIN).astype(np.float32)
-    joined = with_attached_parts(splats, again, weights, place)
+    joined = with_attached_parts(splats, again, weights, place, direct)
     by_all = [
         [render_labels(splats, labels, camera, place, threads=threads) for camera in shown]
         for labels in (certain, joined)
@@ -217,13 +219,44 @@ def without_ground(splats: Splats, labels: Floats, place: Place) -> Floats:
     return np.where(heights < CONTACT * place.radius, 0, labels).astype(np.float32)
 
 
-def with_attached_parts(splats: Splats, labels: Floats, weights: Floats, place: Place) -> Floats:
-    """Return 1 for splats [N] that are certain object or attached to it, 0 for all others."""
+def with_attached_parts(
+    splats: Splats, labels: Floats, weights: Floats, place: Place, direct: Floats | None = None
+) -> Floats:
+    """Return 1 for splats [N] that are certain object or attached to it, 0 for all others.
+
+    ``direct`` are the labels of the photos' own maps: what they call object where the ground begins
+    may be the object's feet. The second round's maps know nothing of it, as the ground was cut.
+    """
     means = splats.means.numpy().astype(np.float64)
     distances = np.linalg.norm(means - place.middle, axis=1) / place.radius
     raised = without_ground(splats, np.ones_like(labels), place) > 0
     belongs = attached(splats, labels >= CERTAIN, solid(splats, weights), raised, distances)
+    if direct is not None and place.ground is not None:
+        belongs |= _feet(means, belongs, direct >= CERTAIN, place.ground, CONTACT * place.radius)
     return belongs.astype(np.float32)
+
+
+def _feet(
+    means: NDArray[np.float64],
+    belongs: NDArray[np.bool_],
+    claimed: NDArray[np.bool_],
+    ground: ground_plane.Plane,
+    reach: float,
+) -> NDArray[np.bool_]:
+    """Return which splats [N] where the ground begins are what the object stands on it with.
+
+    They are ``claimed`` by the photos' maps and lie within ``reach`` of the plane, under what
+    ``belongs`` to the object up to twice as high, or at most as far beside it. A shadow on the
+    ground may be claimed, too, but has air above.
+    """
+    heights = ground.heights(means)
+    along = means - heights[:, None] * ground.normal
+    above = belongs & (heights < 2 * reach)
+    feet = claimed & (np.abs(heights) < reach)
+    if not above.any() or not feet.any():
+        return np.zeros_like(belongs)
+    feet[feet] = cKDTree(along[above]).query(along[feet])[0] <= reach
+    return feet
 
 
 def solid(splats: Splats, weights: Floats) -> NDArray[np.bool_]:

@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from mattgs_ops.capture.camera import Camera
+from mattgs_ops.object_masks.ground_plane import Plane
 from mattgs_ops.object_masks.splat_votes import (
     Place,
     collect,
@@ -46,6 +47,11 @@ def scene_of_splats(floater: np.ndarray | None = None) -> Splats:
     means = np.concatenate([ball, desk, extra])
     scales = np.full(len(means), 0.02)
     scales[BALL + SIDE**2 :] = 0.4
+    return made_of(means, scales)
+
+
+def made_of(means: np.ndarray, scales: np.ndarray) -> Splats:
+    """Make round, opaque splats of ``means`` [N, 3] and ``scales`` [N]."""
     count = len(means)
     return Splats(
         means=torch.tensor(means, dtype=torch.float32),
@@ -192,3 +198,26 @@ def test_a_plate_that_is_object_is_no_ground() -> None:
     place = locate(splats, np.where(plate, 1, labels).astype(np.float32), weights, cameras)
     assert place is not None
     assert place.ground is None
+
+
+def test_an_object_keeps_what_it_stands_on_and_gets_no_shadow_beside_it() -> None:
+    side, up = np.linspace(-0.1, 0.1, 11), np.linspace(0, 0.6, 31)
+    post = np.stack(np.meshgrid(side, side, up), axis=-1).reshape(-1, 3)
+    flat = np.linspace(-0.5, 0.5, 41)
+    desk = np.stack([*np.meshgrid(flat, flat), np.zeros((41, 41))], axis=-1).reshape(-1, 3)
+    means = np.concatenate([post, desk])
+    stands = np.arange(len(means)) < len(post)
+    splats = made_of(means, np.full(len(means), 0.015))
+    shadow = ~stands & (np.linalg.norm(means, axis=1) < 0.4) & (np.abs(means) > 0.14).any(axis=1)
+    labels = (stands | shadow).astype(np.float32)  # maps that take a shadow for object
+    place = Place(np.array([0, 0, 0.3]), 0.6, Plane(np.array([0.0, 0.0, 1.0]), 0.0, 1.0))
+    foot = stands & (means[:, 2] < 0.03 * place.radius)
+    seen = np.ones(len(means), np.float32)
+    cut = with_attached_parts(splats, labels, seen, place)
+    assert cut[foot].max() == 0, "that low nothing is object by the second round's maps"
+    kept = with_attached_parts(splats, labels, seen, place, labels)
+    assert kept[stands].min() == 1
+    assert kept[shadow].max() == 0
+    unclaimed = np.where(foot, 0, labels).astype(np.float32)
+    doubted = with_attached_parts(splats, labels, seen, place, unclaimed)
+    assert doubted[foot].max() == 0, "no photo's map says that it is object"

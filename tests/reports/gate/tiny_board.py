@@ -64,7 +64,7 @@ SLEEP = 0.5  # of the time that a rendering takes
 
 
 def part_of_the_board(folder: Path) -> Path:
-    """Write a capture of every other training photo, small, with masks and poses, without a split."""
+    """Write a capture of every other training photo: small, with masks and poses, no split."""
     document = json.loads((BOARD / "transforms.json").read_text())
     training = document.pop("train_filenames")[::EVERY]
     del document["test_filenames"]

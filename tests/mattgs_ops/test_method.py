@@ -23,11 +23,12 @@ def test_the_control_has_all_of_ours_plus_that_is_neither_mask_nor_attention() -
     best, control = METHODS["ours+"], METHODS["3dgs-tuned"]
     differing = {n for n in MethodConfig.model_fields if getattr(best, n) != getattr(control, n)}
     assert differing == {
-        *("attention", "weighting", "mask_weight", "weight_ssim"),
+        *("attention", "weighting", "weight", "mask_weight", "weight_ssim"),
         *("edge_tolerance", "alpha_loss", "prune", "prune_opacity"),
     }
     plain = METHODS["3dgs"]
     assert all(getattr(control, name) == getattr(plain, name) for name in differing)
+    assert (control.weighting, control.prune) == ("none", "none")
     assert MethodConfig.model_validate(best.model_dump()) == best
 
 
@@ -68,7 +69,7 @@ def test_the_ablation_leaves_out_and_adds_one_part_at_a_time() -> None:
     parts = {condition.removeprefix("nobg-") for condition in config.conditions}
     added = {name for name in parts if name.startswith("only-")}
     left_out = {name for name in parts if name.startswith("no-")}
-    assert parts == added | left_out | {"3dgs", "ours+"}
+    assert parts == added | left_out | {"3dgs", "3dgs-tuned", "ours+"}
     for name in parts:
         for field in MethodConfig.model_fields:
             value = getattr(config.method(name), field)

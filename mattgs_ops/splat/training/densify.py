@@ -57,18 +57,9 @@ class Record:
         """Return the record of the splats of ``index``."""
         return Record(*(getattr(self, f.name)[index] for f in fields(self)))
 
-    def gradients(self, preference: float = 0.0) -> Tensor:
-        """Return the mean gradient [N] over the steps that saw each splat.
-
-        With a ``preference`` p it is multiplied by (1 + p·a) / (1 + p·ā), where a is the splat's
-        attention per blending weight and ā the mean over the splats: as much is densified as
-        without, more of it where attention is high.
-        """
-        mean = self.gradient / self.seen.clamp(min=1)
-        if preference == 0:
-            return mean
-        raised = 1 + preference * self.blend_scores()
-        return mean * (raised / raised.mean())
+    def gradients(self) -> Tensor:
+        """Return the mean gradient [N] over the steps that saw each splat."""
+        return self.gradient / self.seen.clamp(min=1)
 
     def contributions(self) -> Tensor:
         """Return the blending weight [N], in pixels, per step that saw the splat."""
@@ -98,17 +89,13 @@ def grow(
     config: TrainConfig,
     extent: float,
     rng: np.random.Generator,
-    divided: Tensor | None = None,
 ) -> Splats:
     """Clone and split where ``gradient`` [N] reaches ``threshold``; ``adam`` follows.
 
-    Splats of ``divided`` [N] bool are split even when they are small. Returns the new splats: those
-    that stayed whole first, then what was added.
+    Returns the new splats: those that stayed whole first, then what was added.
     """
     wanted = _strongest(gradient, gradient >= threshold, config.max_splats - len(gradient))
     large = splats.log_scales.amax(dim=1) > math.log(config.densify_scale * extent)
-    if divided is not None:
-        large |= divided
     cloned = torch.nonzero(wanted & ~large)[:, 0]
     halved = torch.nonzero(wanted & large)[:, 0]
     added = concatenate(select(splats, cloned), _halves(select(splats, halved), rng))

@@ -87,12 +87,11 @@ class GradientStrategy(Strategy):
         state.splats = grow(
             state.splats,
             state.adam,
-            state.record.gradients(self._method.densify_attention),
+            state.record.gradients(),
             threshold,
             self._config.model_copy(update={"max_splats": most}),
             self._extent,
             state.streams["split"],
-            self._divided(state),
         )
         state.count("added", len(state.splats) - before)
         state.count("capped", int(len(state.splats) >= self._config.max_splats))
@@ -104,11 +103,6 @@ class GradientStrategy(Strategy):
             raise StageError(f"step {step}: every splat was removed; nothing is left to train")
         state.record = Record.empty(len(state.splats))
         state.count("densifications", 1)
-
-    def _divided(self, state: TrainingState) -> Tensor | None:
-        """Return which splats are split however small they are [N] bool; None for none."""
-        least = self._method.split_attention
-        return None if least is None else state.record.blend_scores() >= least
 
     def _threshold(self, state: TrainingState, step: int) -> tuple[float, int]:
         """Return the gradient from which splats are added, and how many there may be then."""

@@ -82,18 +82,6 @@ def test_high_gradients_clone_the_small_and_split_the_large(splats: Splats, adam
     assert not torch.equal(grown.means[6], grown.means[7])
 
 
-def test_attended_splats_are_split_however_small_they_are(splats: Splats, adam: Adam) -> None:
-    noticed = record([3e-4, 1e-4, 0, 1e-4, 5e-4, 0])
-    attended = torch.tensor([True, True, False, False, False, False])
-    gradients, config = noticed.gradients(), TrainConfig()
-    threshold = config.densify_gradient
-    grown = grow(splats, adam, gradients, threshold, config, EXTENT, rng(), attended)
-    # 0 and 4 replaced by two each: kept 1 2 3 5, then the first halves, then the second ones
-    assert torch.equal(grown.means[:4], splats.means[[1, 2, 3, 5]])
-    halves = splats.log_scales[[0, 4, 0, 4]].exp() / 1.6
-    torch.testing.assert_close(grown.log_scales[4:].exp(), halves)
-
-
 def test_adams_moments_stay_with_the_old_and_are_zero_for_the_new(
     splats: Splats, adam: Adam
 ) -> None:
@@ -114,16 +102,6 @@ def test_the_threshold_applies_to_the_mean_over_steps_that_saw_the_splat(
     noticed.gradient += torch.tensor([6e-4, 6e-4, 0, 0, 0, 0])
     noticed.seen += torch.tensor([3.0, 4, 0, 0, 0, 0])  # means 2e-4 and 1.5e-4
     assert len(grown_by(splats, adam, noticed)) == 7
-
-
-def test_preference_moves_growth_to_attention_without_adding_to_it() -> None:
-    noticed = record([1.0, 1.0, 4.0])
-    noticed.weight += torch.tensor([2.0, 4.0, 0.0])
-    noticed.attention += torch.tensor([1.0, 0.0, 0.0])  # attention 0.5, 0, and never blended
-    torch.testing.assert_close(noticed.gradients(), torch.tensor([1.0, 1.0, 4.0]))
-    preferred = noticed.gradients(preference=3.0)
-    raised = torch.tensor([2.5, 1.0, 1.0])
-    torch.testing.assert_close(preferred, torch.tensor([1.0, 1.0, 4.0]) * raised / raised.mean())
 
 
 def test_contributions_are_blending_weights_per_step_that_saw_the_splat() -> None:

@@ -207,8 +207,9 @@ def test_lost_views_are_exact_here_and_have_a_noise_between_machines(
     known: baseline.Baseline,
 ) -> None:
     def without(rows: Sequence[Row], views: int) -> list[Row]:
-        lost = {"registered": 48 - views}
-        return [row | {"registration": row["registration"] | lost} for row in rows]
+        found = [dict(row["registration"]) for row in rows]
+        left = [one | {"registered": one["registered"] - views} for one in found]
+        return [row | {"registration": one} for row, one in zip(rows, left, strict=True)]
 
     assert "registered" in worse(without(known.rows, 1), known)
     bare = baseline.Baseline("bare", known.rows)  # nobody measured noise

@@ -27,7 +27,7 @@ def test_photos_are_looked_at_and_masks_drawn(tmp_path: Path) -> None:
     photos = some(tmp_path / "photos", 5)
     result = CliRunner().invoke(app, ["check", str(photos), "--out", str(tmp_path / "out")])
     assert result.exit_code == 0, result.output
-    assert "5 photos, 640x480 pixels" in result.output
+    assert "5 photos, 800x600 pixels" in result.output
     assert "about 5 of 5 photos will get a camera" in result.output
     assert "a full run takes about" in result.output
     sheet = tmp_path / "out" / "checks" / "photos" / "masks.png"

@@ -187,11 +187,11 @@ def test_a_capture_is_not_written_over(tmp_path: Path) -> None:
         render_capture(Making("rover"), tmp_path)
 
 
-def test_test_views_are_of_a_walk_of_their_own_and_leave_training_views_as_they_were() -> None:
+def test_test_views_are_of_a_walk_of_their_own_as_in_the_shipped_capture() -> None:
     many = plan_views(Making("lattepanda"))
     train, test = many[:48], many[48:]
     shipped = json.loads((BUNDLED / "lattepanda" / "transforms.json").read_text(encoding="utf-8"))
-    for frame, view in zip(shipped["frames"], train, strict=True):  # rendered without test views
+    for frame, view in zip(shipped["frames"], many, strict=True):
         assert frame["file_path"] == f"images/{view.file}"
         assert np.allclose(frame["transform_matrix"], view.pose)
     places = np.array([view.pose[:3, 3] for view in train])

@@ -70,8 +70,8 @@ def run(job: Job, progress: Progress) -> Answer:
     """Do the whole job; the model lands in ``<workspace>/model``.
 
     When fewer than 95 % of the views are registered, a second attempt seeks fainter key points at
-    twice the photos' size by COLMAP's own SIFT and keeps twice as many, which takes several times
-    as long; the better of both attempts is kept.
+    twice the photos' size by COLMAP's own SIFT, keeps twice as many and compares all pairs, which
+    takes several times as long; the better of both attempts is kept.
     """
     import pycolmap
 
@@ -91,7 +91,8 @@ def run(job: Job, progress: Progress) -> Answer:
         again.seconds, again.cpu_seconds = dict(best.seconds), dict(best.cpu_seconds)
         again.fallbacks = [*best.fallbacks, f"{reason}: more and fainter key points sought"]
         try:
-            second = Attempt(job, _with_more(config), again, progress, thorough=True)
+            more = _with_more(config, len(job.views))
+            second = Attempt(job, more, again, progress, thorough=True)
             attempt(second, better_than=best)
             failure = None
         except StageError as error:
@@ -108,8 +109,11 @@ def run(job: Job, progress: Progress) -> Answer:
     return best
 
 
-def _with_more(config: SfmConfig) -> SfmConfig:
+def _with_more(config: SfmConfig, views: int) -> SfmConfig:
+    """Return the second attempt's settings: more key points, all pairs up to `similar_limit`."""
+    all_pairs = config.matcher == "auto" and views <= config.similar_limit
     changes = {
+        "matcher": "exhaustive" if all_pairs else config.matcher,
         "upsample": True,
         "max_features": MORE * config.max_features,
         "peak_threshold": features.FAINT * config.peak_threshold,

@@ -94,16 +94,27 @@ def test_too_few_descriptors_match_nothing(counts: tuple[int, int]) -> None:
     assert found.shape == (0, 2)
 
 
-def test_small_captures_are_matched_exhaustively_and_large_ones_as_a_sequence() -> None:
+def test_few_views_are_matched_exhaustively_more_by_looks_and_many_as_a_sequence() -> None:
     rng = np.random.default_rng(3)
     data = [descriptors(rng, 4) for _ in range(40)]
     everything = 40 * 39 // 2
-    assert len(matching.choose_pairs(data, SfmConfig())) == everything
-    sequence = matching.choose_pairs(data, SfmConfig(exhaustive_limit=39))
+    assert len(matching.choose_pairs(data[:25], SfmConfig())) == 25 * 24 // 2
+    assert len(matching.choose_pairs(data, SfmConfig(exhaustive_limit=40))) == everything
+    assert len(matching.choose_pairs(data, SfmConfig(matcher="exhaustive"))) == everything
+    assert matching.choose_pairs(data, SfmConfig()) == matching.choose_pairs(
+        data, SfmConfig(matcher="spatial")
+    )
+    sequence = matching.choose_pairs(data, SfmConfig(similar_limit=39))
     assert {(0, 1), (0, 10), (0, 16), (0, 32), (7, 39)} <= set(sequence)
     assert not {(0, 11), (0, 15), (0, 33)} & set(sequence)
-    forced = SfmConfig(exhaustive_limit=39, matcher="exhaustive")
-    assert len(matching.choose_pairs(data, forced)) == everything
+
+
+def test_photos_in_no_order_are_compared_with_those_that_look_most_alike() -> None:
+    rng = np.random.default_rng(6)
+    places = [descriptors(rng, 40) for _ in range(4)]
+    data = [noisy(places[number % 4], rng, 4.0) for number in range(32)]
+    alike = {(i, j) for i in range(32) for j in range(i + 1, 32) if i % 4 == j % 4}
+    assert set(matching.choose_pairs(data, SfmConfig())) == alike
 
 
 def test_a_sequence_closes_its_loop_by_looks() -> None:

@@ -87,10 +87,8 @@ class SfmConfig(Frozen):
     peak_threshold: float = Field(0.02 / 3, gt=0, description="SIFT's; lower finds fainter ones")
     mapper: Literal["incremental", "global"] = "incremental"
     matcher: Literal["auto", "exhaustive", "sequential", "spatial"] = "auto"
-    exhaustive_limit: int = Field(25, ge=2, description="auto: exhaustive up to this many views")
-    similar_limit: int = Field(
-        120, ge=2, description="auto: the most similar pairs up to this many views; then a sequence"
-    )
+    exhaustive_limit: int = Field(25, ge=2, description="auto: all pairs up to this many views")
+    similar_limit: int = Field(120, ge=2, description="auto: similar pairs up to this many")
     min_registered: float = Field(0.5, gt=0, le=1, description="share of views; fewer is a failure")
     random_points: int = Field(
         10_000, ge=100, description="stated fallback when no point can be triangulated"
@@ -227,8 +225,7 @@ class BenchmarkConfig(Frozen):
     )
     budgets: tuple[int, ...] = Field(
         (),
-        description="numbers of splats that no experiment may exceed; every condition is run with "
-        "each, but for trainers whose command has no {budget}",
+        description="numbers of splats that none may exceed; every condition is run with each",
     )
     run: RunConfig = RunConfig()
 

@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from reports.figures.plots import DASHES, Saved, colours, legend, save, sheets
-from reports.rows import budgets
+from reports.rows import budgets, clock
 from reports.rows.budgets import Point
 from reports.rows.schema import (
     Row,
@@ -41,7 +41,10 @@ def budget_curves(rows: Sequence[Row], folder: Path) -> list[Saved]:
     if not budgets.has_budgets(finished):
         return []
     metric, part = next(iter(budgets.parts(finished).items()))
-    found = {cost: budgets.curves(finished, cost, metric) for cost in ("size_mb", "time")}
+    found = {
+        cost: budgets.curves(finished, cost, metric)
+        for cost in ("size_mb", clock.clock_of(finished))
+    }
     tones = colours(rows)
     label = f"PSNR, {part} (dB)"
     claims = _claims(finished, metric)
@@ -62,13 +65,14 @@ def _sheet(
     sheet: str,
     rows: Sequence[Row],
 ) -> Saved:
+    timer = next(cost for cost in found if cost != "size_mb")
     figure = Figure(figsize=(max(2.6 * len(names), 3.4) + 0.5, 5.0))
     grid = figure.subplots(2, len(names), squeeze=False, sharey="col")
     shown: dict[tuple[str, str], None] = {}
     for place, name in enumerate(names):
         for axes, cost, text in (
             (grid[0][place], "size_mb", "Size (MB)"),
-            (grid[1][place], "time", "Time (s)"),
+            (grid[1][place], timer, clock.AXES[timer]),
         ):
             for (capture, background), methods in found[cost].items():
                 if capture == name:
@@ -84,8 +88,9 @@ def _sheet(
     mixed = len({machine_of(row) for row in rows}) > 1
     caption = (
         f"{claims}{label.removesuffix(' (dB)')}, on held-out views over file size and training "
-        "time, each on a logarithmic scale: up and to the left is better. A curve is a method with "
-        "growing numbers of splats, a single point one that cannot be given any."
+        f"{clock.WORDS[timer]}, each on a logarithmic scale: up and to the left is better. A "
+        "curve is a method with growing numbers of splats, a single point one that cannot be "
+        "given any."
         f"{' Times are of different machines.' if mixed else ''}{sheet}"
     )
     return save(figure, folder, f"{SLUG}{slug}", caption)

@@ -20,6 +20,7 @@ from reports.figures.plots import (
     save,
     sheets,
 )
+from reports.rows import clock
 from reports.rows.groups import finished_of
 from reports.rows.schema import Cell, Row, capture_name, captures, cells, condition_name
 from reports.tables.notes import where_timed
@@ -53,7 +54,7 @@ def _trade_off(
     metric = "mask_psnr" if in_mask else "psnr"
     label = "PSNR in mask (dB)" if in_mask else "PSNR (dB)"
 
-    machine = shared_machine(selected)
+    machine, timer = shared_machine(selected), clock.clock_of(finished_of(selected))
     mixed = len({machine_of(row) for row in finished_of(selected)}) > 1
     timed = {
         cell.key: replace(cell, finished=measured_on(machine, cell.finished)) if machine else cell
@@ -64,7 +65,7 @@ def _trade_off(
         return mean(cell, metric)
 
     def quick(cell: Cell) -> float | None:
-        return less(timed[cell.key], "time")
+        return less(timed[cell.key], timer)
 
     figure = Figure(figsize=(max(2.5 * len(names), 3.2) + 0.5, 4.8))
     grid = figure.subplots(2, len(names), squeeze=False)
@@ -72,9 +73,9 @@ def _trade_off(
         members = [cell for cell in selected if cell.key.capture == name]
         for axes, cost, text in (
             (grid[0][place], "size_mb", "Size (MB)"),
-            (grid[1][place], "time", "Time (s)"),
+            (grid[1][place], timer, clock.AXES[timer]),
         ):
-            costs = [mean(timed[cell.key] if cost == "time" else cell, cost) for cell in members]
+            costs = [mean(timed[cell.key] if cost == timer else cell, cost) for cell in members]
             _scatter(axes, members, costs, metric, tones)
             axes.set_xlabel(text)
         grid[0][place].set_title(capture_name(name))
@@ -89,8 +90,8 @@ def _trade_off(
         findings.winners(selected, names, f"Highest {label.removesuffix(' (dB)')}", quality)
         + findings.winners(selected, names, "Smallest file", lambda cell: less(cell, "size_mb"))
         + ("" if incomparable else findings.winners(selected, names, "Shortest training", quick))
-        + f"{label} on held-out views against file size and training time: up and to the left is "
-        f"better. Lines join the methods on one background.{machines}{sheet}"
+        + f"{label} on held-out views against file size and training {clock.WORDS[timer]}: up and "
+        f"to the left is better. Lines join the methods on one background.{machines}{sheet}"
     )
     return save(figure, folder, f"{SLUG}{slug}", caption)
 

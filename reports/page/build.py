@@ -15,6 +15,7 @@ from reports.figures.pictures import Gallery
 from reports.figures.plots import Saved
 from reports.page import page
 from reports.rows.budgets import largest
+from reports.rows.clock import clock_notes
 from reports.rows.doubts import warnings
 from reports.rows.schema import Row, captures, cells, problems, refused
 from reports.tables import formats, latex, origins, paper, promoted, verdict
@@ -70,7 +71,8 @@ def build(
     overall = verdict.overall(one_each)
     judged = [*([] if overall is None else [overall]), *verdict.verdicts(one_each)]
     line = verdict.summary_line(good, planned)
-    notes = [*notes, *([LARGEST] if first else []), *origins.notes(good), *haze_notes(good)]
+    notes = [*notes, *([LARGEST] if first else []), *origins.notes(good)]
+    notes += [*clock_notes(good), *haze_notes(good)]
     warned = warnings(good)
     html = page.render(
         title=title,

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from statistics import fmean, median
 
-from reports.rows import statistics
+from reports.rows import clock, statistics
 from reports.rows.schema import Cell, Row, held_out_views
 from reports.rows.statistics import Interval
 from reports.tables.notes import parts_known
@@ -53,7 +53,7 @@ def _on_one_machine(mine: Sequence[Row], other: Sequence[Row]) -> tuple[list[Row
 
 @dataclass(frozen=True)
 class Comparison:
-    """A method against ``base`` on one background; ``size`` and ``time`` are ratios.
+    """A method against ``base`` on one background; ``size`` and ``time`` (by ``clock``) are ratios.
 
     ``details`` is the difference in PSNR on small parts, None where nobody marked them; ``median``
     that of quality over the views, None where no view is an outlier.
@@ -68,10 +68,16 @@ class Comparison:
     details: Interval | None = None
     base: str = BASE
     median: float | None = None
+    clock: str = clock.WALL
 
 
-def compare(selected: Sequence[Cell], background: str, against: str = BASE) -> list[Comparison]:
-    """Compare every method of one capture and background with 3DGS, or the tuned one."""
+def compare(
+    selected: Sequence[Cell], background: str, against: str = BASE, timer: str = clock.WALL
+) -> list[Comparison]:
+    """Compare every method of one capture and background with 3DGS, or the tuned one.
+
+    ``timer`` is the metric that training times are taken from (:mod:`reports.rows.clock`).
+    """
     finished = [c for c in selected if c.key.background == background and c.finished]
     base = next((c for c in finished if c.key.method == against), None)
     if base is None:
@@ -84,12 +90,12 @@ def compare(selected: Sequence[Cell], background: str, against: str = BASE) -> l
         metric = "mask_psnr" if masked else "psnr"
         ours, theirs = view_scores(cell, metric), view_scores(base, metric)
         interval = statistics.paired(ours, theirs)
-        size, time = ratio(cell, base, "size_mb"), ratio(cell, base, "time")
+        size, time = ratio(cell, base, "size_mb"), ratio(cell, base, timer)
         small = statistics.paired(
             view_scores(cell, "detail_psnr"), view_scores(base, "detail_psnr")
         )
         comparison = Comparison(
-            background, cell.key.method, metric, interval, size, time, small, against
+            background, cell.key.method, metric, interval, size, time, small, against, clock=timer
         )
         by_view = statistics.by_view(ours, theirs)
         if parts_known(cell.finished) and statistics.outliers(by_view):

@@ -3,7 +3,7 @@
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
-from reports.rows import budgets, columns
+from reports.rows import budgets, clock, columns
 from reports.rows.columns import Column
 from reports.rows.groups import by_capture, condition_of, finished_of
 from reports.rows.schema import (
@@ -54,13 +54,15 @@ def budget_table(rows: Sequence[Row]) -> Table | None:
     """Say what methods gain over 3DGS at equal size and time; None where none has budgets."""
     if not budgets.has_budgets(rows):
         return None
+    timer = clock.clock_of(rows)
     one_machine = len({machine_of(row) for row in rows if row["status"] == "finished"}) == 1
     shown: list[tuple[str, str, str]] = []  # cost, metric, heading
     for metric, part in budgets.parts(rows).items():
         shown.append(("size_mb", metric, f"Size at equal PSNR, {part}"))
         shown.append(("size_mb", metric, f"PSNR at equal size, {part}"))
         if one_machine and len(shown) == 2:
-            shown.append(("time", metric, f"Time at equal PSNR, {part}"))
+            word = "CPU time" if timer == clock.CPU else "Time"
+            shown.append((timer, metric, f"{word} at equal PSNR, {part}"))
     gaps = [budgets.gaps(rows, cost, metric) for cost, metric, _ in shown]
     places = dict.fromkeys(place for found in gaps for place in found)
     groups: dict[str, list[Line]] = {}

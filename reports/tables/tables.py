@@ -13,7 +13,7 @@ from statistics import fmean, stdev
 from typing import Any
 
 from mattgs_ops.naming import slug
-from reports.rows import columns
+from reports.rows import clock, columns
 from reports.rows.columns import Column
 from reports.rows.groups import by_background, by_capture, condition_of, finished_of, method_of
 from reports.rows.schema import (
@@ -199,14 +199,14 @@ def lines_of(
     value_of: Callable[[Row, str], Any] = _metric,
 ) -> list[Line]:
     """Build the lines of one group, mark the best entries, and add to the notes on holes."""
-    machine = shared_machine(members)
+    machine, late = shared_machine(members), clock.clock_notes(finished_of(members))
     raw = [[_entry(cell, column, value_of, machine) for column in printed] for cell in members]
     mixed = len({machine_of(row) for row in finished_of(members)}) > 1
     if mixed and machine and any(column.kind in SPEEDS for column in printed):
         _add_once(holes, where_timed(members, machine))
     best = [
         set()
-        if mixed and not machine and column.kind in SPEEDS
+        if (mixed and not machine and column.kind in SPEEDS) or (column.key == clock.WALL and late)
         else _best([entries[i] for entries in raw], column)
         for i, column in enumerate(printed)
     ]

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import fmean, geometric_mean
 
-from reports.rows import columns, statistics
+from reports.rows import clock, columns, statistics
 from reports.rows.doubts import in_doubt
 from reports.rows.schema import (
     Cell,
@@ -50,12 +50,13 @@ def overall(rows: Sequence[Row]) -> Verdict | None:
     doubted = in_doubt(rows)
     rows = [row for row in rows if row["capture"] not in doubted]
     selected = cells(rows)
+    timer = clock.clock_of(rows)
     by_method: dict[tuple[str, str, str], list[Comparison]] = {}
     for name in captures(rows):
         members = [cell for cell in selected if cell.key.capture == name]
         for background in PREFERRED:
             for base in (BASE, CONTROL):
-                for one in compare(members, background, base):
+                for one in compare(members, background, base, timer):
                     by_method.setdefault((background, one.method, base), []).append(one)
     second = parts_known([row for cell in selected for row in cell.finished])
     sentences = [
@@ -86,7 +87,7 @@ def _over_all(
     parts = [f"{signed(fmean(means))}{spread} dB {where}"] if means else []
     for name, ratios in (
         ("size", [c.size for c in comparisons]),
-        ("time", [c.time for c in comparisons]),
+        (clock.WORDS[comparisons[0].clock], [c.time for c in comparisons]),
     ):
         positive = [ratio for ratio in ratios if ratio]
         parts += [f"{name} × {geometric_mean(positive):.2f}"] if positive else []
@@ -117,9 +118,10 @@ def _and(parts: Sequence[str]) -> str:
 def verdicts(rows: Sequence[Row]) -> list[Verdict]:
     """Return one verdict per capture, in the order of the tables."""
     rows = refused(rows)
-    selected, doubted = cells(rows), in_doubt(rows)
+    selected, doubted, timer = cells(rows), in_doubt(rows), clock.clock_of(rows)
     by_capture = [
-        _of_capture(name, [c for c in selected if c.key.capture == name]) for name in captures(rows)
+        _of_capture(name, [c for c in selected if c.key.capture == name], timer)
+        for name in captures(rows)
     ]
     return [
         Verdict(one.capture, _doubted(one.capture, doubted[one.capture]), ())
@@ -133,13 +135,15 @@ def _doubted(name: str, subjects: Sequence[str]) -> str:
     return f"{capture_name(name)}: no verdict. Its {_and(subjects)} are in doubt: see the warnings."
 
 
-def _of_capture(name: str, selected: Sequence[Cell]) -> Verdict:
+def _of_capture(name: str, selected: Sequence[Cell], timer: str) -> Verdict:
     label = capture_name(name)
     failed = [cell for cell in selected if not cell.finished]
-    comparisons = [c for background in PREFERRED for c in compare(selected, background)]
-    controls = [c for background in PREFERRED for c in compare(selected, background, CONTROL)]
+    comparisons, controls = (
+        [c for background in PREFERRED for c in compare(selected, background, base, timer)]
+        for base in (BASE, CONTROL)
+    )
     details = [_detail(c) for c in (*comparisons, *controls)]
-    saved = _background_saving(selected)
+    saved = _background_saving(selected, timer)
     details += [saved] if saved else []
     if failed:
         names = ", ".join(cell.key.condition for cell in failed)
@@ -182,10 +186,10 @@ def _quality_words(comparison: Comparison) -> str:
 
 
 def _cost_words(comparison: Comparison) -> str:
-    parts = []
+    parts, spent = [], "CPU" if comparison.clock == clock.CPU else "training"
     for times, saved, cost in (
         (comparison.size, "a {} smaller file", "a {} larger file"),
-        (comparison.time, "{} less training time", "{} more training time"),
+        (comparison.time, f"{{}} less {spent} time", f"{{}} more {spent} time"),
     ):
         if times is not None and abs(times - 1) >= NEGLIGIBLE:
             parts.append((saved if times < 1 else cost).format(f"{abs(times - 1) * 100:.0f} %"))
@@ -210,7 +214,7 @@ def _detail(comparison: Comparison) -> str:
         )
     if comparison.median is not None:
         text += f", median {signed(comparison.median)} dB, as some views are outliers"
-    ratios = ((comparison.size, "size"), (comparison.time, "time"))
+    ratios = ((comparison.size, "size"), (comparison.time, clock.WORDS[comparison.clock]))
     small = (
         [] if comparison.details is None else [f"small parts {signed(comparison.details.mean)} dB"]
     )
@@ -218,13 +222,13 @@ def _detail(comparison: Comparison) -> str:
     return f"{head}: {'; '.join([text, *parts])}."
 
 
-def _background_saving(selected: Sequence[Cell]) -> str:
+def _background_saving(selected: Sequence[Cell], timer: str) -> str:
     """Say what removing the background changes for plain 3DGS."""
     base = {c.key.background: c for c in selected if c.key.method == BASE and c.finished}
     if base.keys() < {"original", "nobg"}:
         return ""
     size = ratio(base["nobg"], base["original"], "size_mb")
-    time = ratio(base["nobg"], base["original"], "time")
+    time = ratio(base["nobg"], base["original"], timer)
     quality = statistics.paired(
         view_scores(base["nobg"], "mask_psnr"), view_scores(base["original"], "mask_psnr")
     )
@@ -235,7 +239,7 @@ def _background_saving(selected: Sequence[Cell]) -> str:
         )
         parts += [f"{part} {signed(there.mean)} dB"] if there else []
     parts += [f"size × {size:.2f}"] if size else []
-    parts += [f"time × {time:.2f}"] if time else []
+    parts += [f"{clock.WORDS[timer]} × {time:.2f}"] if time else []
     return f"Removing the background, with 3DGS: {'; '.join(parts)}."
 
 

@@ -25,7 +25,6 @@ from mattgs_ops.sfm.lost_views import MOST_VIEWS
 # Each step's share of the work, for one bar over all of them (measured at 48 views, 640×480)
 SHARES = {"extract": 0.3, "match": 0.5, "map": 0.1, "guide": 0.07, "triangulate": 0.03}
 UNITS = 1000
-MORE = 2  # times as many are kept, and fainter ones are sought
 
 Pairs = dict[Pair, Verified]
 Rows = list[NDArray[np.int64]]
@@ -91,7 +90,7 @@ def run(job: Job, progress: Progress) -> Answer:
         again.seconds, again.cpu_seconds = dict(best.seconds), dict(best.cpu_seconds)
         again.fallbacks = [*best.fallbacks, f"{reason}: more and fainter key points sought"]
         try:
-            more = _with_more(config, len(job.views))
+            more = features.settings_for_more(config, len(job.views))
             second = Attempt(job, more, again, progress, thorough=True)
             attempt(second, better_than=best)
             failure = None
@@ -107,18 +106,6 @@ def run(job: Job, progress: Progress) -> Answer:
     note = f"{len(best.registered)} of {len(job.views)} views, {best.points} points"
     progress(UNITS, UNITS, note)
     return best
-
-
-def _with_more(config: SfmConfig, views: int) -> SfmConfig:
-    """Return the second attempt's settings: more key points, all pairs up to `similar_limit`."""
-    all_pairs = config.matcher == "auto" and views <= config.similar_limit
-    changes = {
-        "matcher": "exhaustive" if all_pairs else config.matcher,
-        "upsample": True,
-        "max_features": MORE * config.max_features,
-        "peak_threshold": features.FAINT * config.peak_threshold,
-    }
-    return config.model_copy(update=changes)
 
 
 def attempt(state: Attempt, better_than: Answer | None = None) -> None:

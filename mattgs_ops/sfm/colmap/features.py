@@ -27,6 +27,7 @@ FAINT = 0.25
 GROWTH = 0.02
 # COLMAP registers an image on 30 inliers; twice as many key points are the least to hope for.
 FEW_KEYPOINTS = 60
+MORE = 2  # times as many are kept in a second attempt, and fainter ones are sought
 ENOUGH_VIEWS = 0.9  # the ladder is climbed until this share of views has more than that
 LAYERS = 3  # per octave, as Lowe and COLMAP have it; OpenCV divides its threshold by them
 # At this share of COLMAP's threshold OpenCV finds about as many key points: 5 % fewer on renders
@@ -81,6 +82,18 @@ class Extraction:
     peak_threshold: float
     grow_share: float = 0.0
     thorough: bool = False
+
+
+def settings_for_more(config: SfmConfig, views: int) -> SfmConfig:
+    """Return a second attempt's settings: more key points, and all pairs up to `similar_limit`."""
+    all_pairs = config.matcher == "auto" and views <= config.similar_limit
+    changes = {
+        "matcher": "exhaustive" if all_pairs else config.matcher,
+        "upsample": True,
+        "max_features": MORE * config.max_features,
+        "peak_threshold": FAINT * config.peak_threshold,
+    }
+    return config.model_copy(update=changes)
 
 
 def ladder(config: SfmConfig, *, thorough: bool = False) -> list[tuple[str | None, Extraction]]:

@@ -139,3 +139,18 @@ def test_the_ladder_lowers_the_threshold_then_grows_the_mask_and_says_so() -> No
     assert grown[1] == features.Extraction(0.0025, 0.02)
     assert faint[0] == "SIFT peak threshold lowered from 0.0100 to 0.0025"
     assert grown[0] == "masks grown by 2% of the longest side for finding key points"
+
+
+@pytest.mark.parametrize(
+    ("matcher", "views", "expected"),
+    [("auto", 120, "exhaustive"), ("auto", 121, "auto"), ("sequential", 30, "sequential")],
+)
+def test_a_second_attempt_keeps_more_and_compares_all_pairs_where_that_is_bearable(
+    matcher: str, views: int, expected: str
+) -> None:
+    first = SfmConfig.model_validate({"matcher": matcher, "upsample": False})
+    second = features.settings_for_more(first, views)
+    assert second.matcher == expected
+    assert second.upsample
+    assert second.max_features == 2 * first.max_features
+    assert second.peak_threshold < first.peak_threshold

@@ -32,11 +32,14 @@ def ratio(cell: Cell, base: Cell, metric: str) -> float | None:
 def ratio_of(mine: Sequence[Row], other: Sequence[Row], metric: str) -> float | None:
     """Return the ratio of the means of a run's metric; None where a run lacks it or it is 0.
 
-    Of times and speeds, where not all runs were on one machine, only seeds count that both sides
-    ran on the same one; None where there is none.
+    Of times and speeds only seeds count that both sides ran on one machine, as other seeds may
+    have had other work beside them. Where there is none, all do, or, of several machines, None.
     """
-    if metric not in ANYWHERE and len({machine_of(row) for row in (*mine, *other)}) > 1:
-        mine, other = _on_one_machine(mine, other)
+    if metric not in ANYWHERE:
+        one_machine = len({machine_of(row) for row in (*mine, *other)}) == 1
+        shared = _on_one_machine(mine, other)
+        if shared[0] or not one_machine:
+            mine, other = shared
     ours = [row["metrics"].get(metric) for row in mine]
     theirs = [row["metrics"].get(metric) for row in other]
     if not ours or not theirs or not all(ours) or not all(theirs):

@@ -47,6 +47,15 @@ def test_differences_are_paired_and_costs_are_ratios() -> None:
     assert best.entries[size].text == "0.50"
 
 
+def test_times_are_compared_over_the_seeds_that_both_sides_have() -> None:
+    base = [shifted(cell_row("rover", "nobg", "3dgs", seed), 0, time=10.0) for seed in (0, 1)]
+    base[1]["metrics"]["time"] = 30.0  # other work ran beside this one
+    ours = shifted(cell_row("rover", "nobg", "ours+", 0), 0.7, time=5.0)
+    (table,) = difference_tables([*base, ours])
+    time = table.keys.index("time")
+    assert table.groups[0].lines[0].entries[time].text == "0.50"
+
+
 def test_the_last_group_weighs_pairs_alike() -> None:
     rows = grid()
     for index, row in enumerate(rows):

@@ -24,7 +24,7 @@ class Metric:
 
 
 # Nobody knows the details of training views, and haze is what those do not see
-HELD_OUT_ONLY = ("haze", "mask_haze", "detail_psnr", "detail_ssim")
+HELD_OUT_ONLY = ("haze", "mask_haze", "detail_psnr", "detail_ssim", "detail_flip")
 PARTS = ("mask", "core", "rim")  # of an object: whole, core, rim
 
 _IMAGE = (
@@ -62,6 +62,7 @@ _IMAGE = (
     Metric("mask_haze", "Haze in mask", -1, "", 3, "the same over the object's pixels"),
     Metric("detail_psnr", "PSNR small parts", +1, "dB", 2, "PSNR over screws, wires and print"),
     Metric("detail_ssim", "SSIM small parts", +1, "", 3, "SSIM's map averaged over those pixels"),
+    Metric("detail_flip", "FLIP small parts", -1, "", 4, "FLIP's map averaged over those pixels"),
 )
 _TRAINING = tuple(
     replace(

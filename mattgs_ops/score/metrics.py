@@ -148,6 +148,7 @@ def score_view(
         "mask_haze": None if haze is None or mask is None else _mean(haze[mask]),
         "detail_psnr": None,
         "detail_ssim": None,
+        "detail_flip": None,
     }
     if mask is not None:
         for part, pixels in object_parts(mask).items():
@@ -160,6 +161,7 @@ def score_view(
         small = details if mask is None else details & mask
         scores["detail_psnr"] = mask_psnr(image, truth, small)
         scores["detail_ssim"] = _mean(similarity[small])
+        scores["detail_flip"] = _mean(apparent[small])
     return scores
 
 

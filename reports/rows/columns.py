@@ -65,6 +65,7 @@ PERCEPTUAL = (
     Column("mask_flip", "FLIP in mask", -1, "l1"),
     Column("core_flip", "FLIP in core", -1, "l1"),
     Column("rim_flip", "FLIP on rim", -1, "l1"),
+    Column("detail_flip", "FLIP small parts", -1, "l1"),
     Column("lpips", "LPIPS", -1, "l1"),
 )
 TRAINING = (

@@ -7,6 +7,7 @@ from skimage.metrics import structural_similarity
 from mattgs_ops.errors import InputError
 from mattgs_ops.score import metric_table, metrics
 from mattgs_ops.score.metric_table import METRICS
+from mattgs_ops.score.perceptual import flip_map
 
 RNG = np.random.default_rng(11)
 TRUTH = RNG.random((24, 30, 3))
@@ -66,9 +67,11 @@ def test_small_structures_are_scored_on_their_own_pixels_inside_the_mask() -> No
     error = np.mean((IMAGE[small] - TRUTH[small]) ** 2)
     assert scores["detail_psnr"] == pytest.approx(-10 * np.log10(error))
     assert scores["detail_ssim"] == pytest.approx(metrics.ssim_map(IMAGE, TRUTH)[small].mean())
+    assert scores["detail_flip"] == pytest.approx(flip_map(IMAGE, TRUTH)[small].mean())
     nobody_knows = metrics.score_view(IMAGE, TRUTH, mask, attention, 0.2)
     assert nobody_knows["detail_psnr"] is None
     assert nobody_knows["detail_ssim"] is None
+    assert nobody_knows["detail_flip"] is None
 
 
 def test_psnr_and_l1_are_what_their_names_say() -> None:

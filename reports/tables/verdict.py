@@ -62,12 +62,17 @@ def overall(rows: Sequence[Row]) -> Verdict | None:
     sentences = [
         _over_all(background, method, compared, second)
         for background in PREFERRED
-        for (place, method, base), compared in by_method.items()
+        for (place, method, base), compared in sorted(by_method.items(), key=_is_control)
         if place == background and len(compared) > 1
     ]
     if not sentences:
         return None
     return Verdict("", sentences[0], tuple(sentences[1:]))
+
+
+def _is_control(entry: tuple[tuple[str, str, str], list[Comparison]]) -> bool:
+    """Put claims on the control itself behind those on the methods that it controls for."""
+    return entry[0][1] == CONTROL
 
 
 def _over_all(

@@ -156,6 +156,7 @@ def test_every_claim_is_made_against_both_bases() -> None:
     rows = second_grid(("3dgs", "3dgs-tuned", "ours", "ours+"))
     found = overall(rows)
     assert found is not None
+    assert not found.headline.startswith("Without backgrounds, 3DGS tuned"), "a mere control"
     sentences = [found.headline, *found.details]
     for background in ("Without backgrounds", "With backgrounds"):
         for base, gain in (("3DGS", "+0.70"), ("3DGS tuned", "+0.30")):

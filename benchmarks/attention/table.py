@@ -120,10 +120,10 @@ def rates(rows: Sequence[dict[str, Any]]) -> str:
     for metric, part in (("detail_psnr", "small parts"), ("mask_psnr", "whole object")):
         curves = budgets.curves([r for r in rows if r["status"] == "finished"], "size_mb", metric)
         for method, base in pairs:
+            by_capture = {capture: by_method for (capture, _), by_method in curves.items()}
             known = [
-                budgets.gap(by_method[method], by_method[base])
-                for (capture, _), by_method in curves.items()
-                if {method, base} <= by_method.keys()
+                budgets.gap(by_capture[name].get(method, []), by_capture[name].get(base, []))
+                for name in names
             ]
             costs = [None if one.cost is None else budgets.percent(one.cost) for one in known]
             texts = ["-" if cost is None else f"{cost:+.0f} %" for cost in costs]

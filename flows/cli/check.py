@@ -17,12 +17,13 @@ from reports.figures.mask_sheets import draw
 from reports.figures.plots import style
 
 FEWEST_PLACED = 0.5  # of the photos, as `sfm.min_registered`
-# Seconds of a run at its default settings on two cores of 2026, by what they grow with: measured
-# with `make run` (144 photos of 0.3 megapixels, 18 trainings), summed over workers.
-A_PHOTO_AND_MEGAPIXEL = 12.0  # structure-from-motion
-A_PHOTO = 2.5  # segmentation and agreement between views
-A_STEP = 0.038  # of a training at 320 pixels
-A_TRAINING = 17.0  # scores and speed
+# Seconds of a run at its default settings on two cores of 2026, by what they grow with. The first
+# is of `benchmarks/sfm/beside_colmap.py` with two threads, the others of `make run` (216 photos of
+# 0.48 megapixels, 18 trainings), those of trainings summed over workers.
+A_PHOTO_AND_MEGAPIXEL = 1.1  # structure-from-motion
+A_PHOTO = 0.8  # segmentation and agreement between views
+A_STEP = 0.02  # of a training at 320 pixels
+A_TRAINING = 10.5  # scores and speed
 WORKERS = 2
 
 

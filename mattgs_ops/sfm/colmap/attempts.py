@@ -22,8 +22,8 @@ from mattgs_ops.sfm.colmap.job import DATABASE_FILE, KEYPOINTS_FILE, MODEL_FOLDE
 from mattgs_ops.sfm.colmap.matching import Matches, Pair, Verified, partners
 from mattgs_ops.sfm.lost_views import MOST_VIEWS
 
-# Each step's share of the work, for one bar over all of them (measured at 48 views, 640×480)
-SHARES = {"extract": 0.3, "match": 0.5, "map": 0.1, "guide": 0.07, "triangulate": 0.03}
+# Each step's share of the work, for one bar over all of them (measured at 72 views, 800×600)
+SHARES = {"extract": 0.3, "match": 0.3, "map": 0.23, "guide": 0.13, "triangulate": 0.04}
 UNITS = 1000
 
 Pairs = dict[Pair, Verified]

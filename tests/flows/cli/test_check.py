@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from flows.cli.app import app
-from flows.cli.check import seconds
+from flows.cli.check import A_STEP, seconds
 from mattgs_ops.capture.scene import PreparedCapture, View
 from mattgs_ops.config import BUNDLED, BenchmarkConfig
 from mattgs_ops.errors import InputError
@@ -60,5 +60,5 @@ def test_more_photos_and_more_steps_take_longer(tmp_path: Path) -> None:
     short, long = BenchmarkConfig(), BenchmarkConfig(iterations=30_000)
     assert seconds(of(60), short) > seconds(of(30), short)
     assert seconds(of(30), long) == pytest.approx(
-        seconds(of(30), short) + 6 * 29_000 * 0.038 / 2, rel=0.01
+        seconds(of(30), short) + 6 * 29_000 * A_STEP / 2, rel=0.01
     )

@@ -56,6 +56,11 @@ class Camera:
         """Return this camera for the same photo resized to ``width`` × ``height`` pixels."""
         return Camera(self.intrinsics.scaled(width, height), self.rotation, self.translation)
 
+    def depths(self, points: Array) -> Array:
+        """Return the depths of world points [N, 3] along the camera's axis, [N]; may be <= 0."""
+        found: Array = points @ self.rotation[2] + self.translation[2]
+        return found
+
     def project(self, points: Array) -> tuple[Array, Array]:
         """Project world points [N, 3] to pixels [N, 2] and depths [N] (camera z, may be <= 0)."""
         local = points @ self.rotation.T + self.translation

@@ -143,7 +143,7 @@ def _points(
     if len(rays) < FEWEST_SPEAKING or np.linalg.cond(normal) > LARGEST_CONDITION:
         return None
     middle = np.asarray(np.linalg.solve(normal, offset), dtype=np.float64)
-    radii = [extent * float(camera.project(middle[None])[1][0]) for camera, extent in rays]
+    radii = [extent * float(camera.depths(middle[None])[0]) for camera, extent in rays]
     radius = MARGIN * float(np.median(radii))
     if radius <= 0:
         return None
@@ -164,7 +164,7 @@ def _pixels(camera: Camera, points: Floats) -> tuple[NDArray[np.int64], NDArray[
 
 def _gap(camera: Camera, points: Floats) -> int:
     """Return how many pixels lie between neighbouring points as a camera sees the nearest ones."""
-    depths = camera.project(points)[1]
+    depths = camera.depths(points)
     nearest = float(np.quantile(depths[depths > 0], NEAREST)) if (depths > 0).any() else 1.0
     pitch = float(np.ptp(points[:, 0])) / GRID
     return min(MOST_GAP, max(1, int(np.ceil(pitch * camera.intrinsics.fx / nearest))))

@@ -30,7 +30,6 @@ from mattgs_ops.object_masks.silhouettes import around_half, iou
 from mattgs_ops.splat.gaussians import Splats
 from mattgs_ops.splat.rasterize import backward, render
 from mattgs_ops.splat.training.initialise import SH_C0
-from mattgs_ops.splat.training.optimise import select
 
 # Votes of the first round below FIRST_NO become 0 in the second, above FIRST_YES 1, linear between.
 # Single maps miss more of an object than they invent, so little agreement is enough.
@@ -43,6 +42,7 @@ FRONT = 2.0  # radii before the object's middle, beyond which a splat is no part
 CONTACT = 0.04  # of the radius: height above the plane below which a splat is ground, or a foot
 SOLID = 0.3  # opacity from which on a splat is a surface
 BLACK = (0.0, 0.0, 0.0)
+INVISIBLE = -30.0  # opacity before the sigmoid: 1e-13, far below what a pixel of 8 bits shows
 UNSEEN = 1e-6  # blending weight, pixels: no view sees such a splat
 UNSEEN_BY_OTHERS = 1e-3  # the same where one view's weight is taken off, and rounding is left
 LEVELS = (0.125, 0.25, 0.375, 0.5)  # mean votes from which on a splat may be object
@@ -124,18 +124,18 @@ def collect(
     direct = answers.labels()
     labels = without_ground(splats, direct, place)
     first = [
-        stretched(render_labels(splats, labels, camera, place, threads=threads))
+        stretched(render_labels(splats, [labels], camera, place, threads=threads)[0])
         for camera in around
     ]
     again = tally(splats, around, first, threads=threads).labels()
     certain = (without_ground(splats, again, place) >= CERTAIN).astype(np.float32)
     joined = with_attached_parts(splats, again, weights, place, direct)
     by_all = [
-        [render_labels(splats, labels, camera, place, threads=threads) for camera in shown]
-        for labels in (certain, joined)
+        render_labels(splats, [certain, joined], camera, place, threads=threads) for camera in shown
     ]
     predicted, firm, soft = _by_others(splats, voting, maps, can_vote, answers, place, threads)
-    return Votes(predicted, firm, soft, by_all[0], by_all[1], place)
+    of_certain, of_joined = ([maps[k] for maps in by_all] for k in range(2))
+    return Votes(predicted, firm, soft, of_certain, of_joined, place)
 
 
 def _by_others(
@@ -156,7 +156,7 @@ def _by_others(
     for camera, mine, votes in zip(cameras, maps, can_vote, strict=True):
         own.append(_shrunk(mine, camera) >= CERTAIN)
         labels.append(answers.labels(voter if votes else None))
-        soft.append(render_labels(splats, labels[-1], camera, place, threads=threads))
+        soft += render_labels(splats, labels[-1:], camera, place, threads=threads)
         voter += votes
     compared = [index for index, mask in enumerate(own) if mask.any() and can_vote[index]]
     agreement = {level: [iou(soft[k] >= level, own[k]) for k in compared] for level in LEVELS}
@@ -164,9 +164,8 @@ def _by_others(
     firm = []
     for k in compared:
         either = (labels[k] >= best).astype(np.float32)
-        firm.append(
-            iou(render_labels(splats, either, cameras[k], place, threads=threads) >= SHARE, own[k])
-        )
+        shown = render_labels(splats, [either], cameras[k], place, threads=threads)[0]
+        firm.append(iou(shown >= SHARE, own[k]))
     return [around_half(one, best) for one in soft], firm, agreement[best]
 
 
@@ -272,15 +271,23 @@ def stretched(soft: SoftMap) -> SoftMap:
 
 
 def render_labels(
-    splats: Splats, labels: Floats, camera: Camera, place: Place, *, threads: int = 1
-) -> SoftMap:
-    """Render labels [N] as a camera sees them, [H, W] in [0, 1], black where nothing is."""
-    _, depths = camera.project(splats.means.numpy().astype(np.float64))
-    _, middle = camera.project(place.middle[None])
-    index = torch.from_numpy(np.flatnonzero(depths > middle[0] - FRONT * place.radius))
-    kept = select(splats, index)
-    grey = torch.from_numpy(labels)[index][:, None].expand(-1, 3)
-    painted = replace(kept, sh_dc=((grey - 0.5) / SH_C0).contiguous())
-    image = render(painted, camera, BLACK, sh_degree=0, threads=threads).image
-    soft: SoftMap = image[..., 0].clamp(0, 1).numpy()
-    return soft
+    splats: Splats, labels: Sequence[Floats], camera: Camera, place: Place, *, threads: int = 1
+) -> list[SoftMap]:
+    """Render up to three labels [N] of each splat as a camera sees them, black where nothing is.
+
+    Each becomes a map [H, W] in [0, 1]; they are the channels of one rendering.
+    """
+    depths = camera.depths(splats.means.numpy().astype(np.float64))
+    near = camera.depths(place.middle[None])[0] - FRONT * place.radius
+    behind = torch.from_numpy(depths > near)
+    grey = torch.zeros(len(splats), 3)
+    for channel, label in enumerate(labels):
+        grey[:, channel] = torch.from_numpy(label)
+    painted = replace(
+        splats,
+        sh_dc=(grey - 0.5) / SH_C0,
+        opacity_logits=torch.where(behind, splats.opacity_logits, INVISIBLE),
+    )
+    shown = render(painted, camera, BLACK, sh_degree=0, threads=threads, differentiable=False)
+    channels = shown.image.clamp(0, 1).permute(2, 0, 1).contiguous()
+    return list(channels.numpy()[: len(labels)])

@@ -44,7 +44,7 @@ def haze_map(
     limit = depth_of_air(points, camera)
     if limit is None:
         return None
-    depths = camera.project(splats.means.numpy().astype(np.float64))[1]
+    depths = camera.depths(splats.means.numpy().astype(np.float64))
     near = torch.from_numpy(np.flatnonzero((depths > 0) & (depths < limit)))
     size = camera.intrinsics
     if not len(near):

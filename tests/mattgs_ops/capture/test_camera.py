@@ -36,6 +36,13 @@ def test_the_centre_is_where_the_camera_stands() -> None:
     np.testing.assert_allclose(camera.matrix @ [*centre, 1.0], [0, 0, 0, 1])
 
 
+def test_depths_are_those_of_the_projection() -> None:
+    rotation = rotation_of(np.array([0.9, 0.2, -0.3, 0.1]))
+    camera = Camera(Intrinsics(640, 480, 500.0, 510.0, 320.0, 240.0), rotation, np.ones(3))
+    points = np.random.default_rng(0).normal(size=(50, 3))
+    np.testing.assert_allclose(camera.depths(points), camera.project(points)[1], rtol=1e-12)
+
+
 def test_resizing_the_photo_scales_the_pixels() -> None:
     camera = Camera(PINHOLE, np.eye(3), np.zeros(3))
     point = np.array([[0.3, -0.2, 2.0]])

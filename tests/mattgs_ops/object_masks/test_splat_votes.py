@@ -98,9 +98,9 @@ def agreed(splats: Splats, cameras: list[Camera]) -> tuple[list[np.ndarray], Pla
     assert place is not None
     assert place.ground is not None
     labels = without_ground(splats, labels, place)
-    first = [stretched(render_labels(splats, labels, camera, place)) for camera in cameras]
+    first = [stretched(render_labels(splats, [labels], camera, place)[0]) for camera in cameras]
     labels = with_attached_parts(splats, asked(splats, cameras, first)[0], weights, place)
-    return [render_labels(splats, labels, camera, place) for camera in cameras], place
+    return [render_labels(splats, [labels], camera, place)[0] for camera in cameras], place
 
 
 def test_leaks_losses_and_the_ground_are_mended() -> None:
@@ -221,3 +221,15 @@ def test_an_object_keeps_what_it_stands_on_and_gets_no_shadow_beside_it() -> Non
     unclaimed = np.where(foot, 0, labels).astype(np.float32)
     doubted = with_attached_parts(splats, labels, seen, place, unclaimed)
     assert doubted[foot].max() == 0, "no photo's map says that it is object"
+
+
+def test_several_labels_are_rendered_at_once_as_they_are_one_by_one() -> None:
+    cameras, splats = orbit(), scene_of_splats()
+    place = agreed(splats, cameras)[1]
+    chance = np.random.default_rng(3)
+    labels = [chance.random(len(splats)).astype(np.float32) for _ in range(3)]
+    together = render_labels(splats, labels, cameras[2], place)
+    for label, shown in zip(labels, together, strict=True):
+        alone = render_labels(splats, [label], cameras[2], place)[0]
+        np.testing.assert_array_equal(shown, alone)
+        assert shown.max() > 0.5

@@ -48,11 +48,15 @@ Bits = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class ViewEvidence:
-    """One view: IoU of its own map with silhouettes and votes, and the source of its mask."""
+    """One view: IoU of its own map with silhouettes and votes, and the source of its mask.
+
+    ``confirmed`` is the share of the voted outline that lies on an edge of the photo.
+    """
 
     name: str
     silhouettes: float
     votes: float | None
+    confirmed: float | None
     masks: Source
 
 
@@ -99,7 +103,7 @@ def decide(
     if votes is None:
         reason = "no splat is salient to the views"
         views = tuple(
-            ViewEvidence(name, one, None, "maps")
+            ViewEvidence(name, one, None, None, "maps")
             for name, one in zip(names, by_outline, strict=True)
         )
         maps = _fused(own, others, own, outline_agreement, 0.0)
@@ -118,6 +122,7 @@ def decide(
         _source(objection, *view)
         for view in zip(own, voted, edges, by_outline, by_votes, strict=True)
     ]
+    on_edges = [_on_edge(v >= HALF, edge) for v, edge in zip(voted, edges, strict=True)]
     predicted = [
         _resized(soft, mine.shape) for soft, mine in zip(votes.predicted, own, strict=True)
     ]
@@ -134,7 +139,8 @@ def decide(
         attached=attached,
         attached_kept=joins,
         views=tuple(
-            ViewEvidence(*one) for one in zip(names, by_outline, by_votes, sources, strict=True)
+            ViewEvidence(*one)
+            for one in zip(names, by_outline, by_votes, on_edges, sources, strict=True)
         ),
     )
     return found, maps

@@ -101,13 +101,15 @@ def collect(
     maps: Sequence[SoftMap],
     *,
     trained: Sequence[bool] | None = None,
+    cut_ground: bool = True,
     threads: int = 1,
 ) -> Votes | None:
     """Let the views vote; None where no splat is salient to them.
 
     ``voting`` are the views' cameras at the size for voting, ``shown`` at the size of the masks.
     ``maps`` [H, W] in [0, 1], of any size; views whose map shows nothing, and those that are not
-    ``trained`` on (None: all are), do not vote and get the others' masks.
+    ``trained`` on (None: all are), do not vote and get the others' masks. Without ``cut_ground``
+    what lies on the ground is object where the votes say so.
     """
     trained = trained or [True] * len(maps)
     can_vote = [bool((m >= CERTAIN).any()) and use for m, use in zip(maps, trained, strict=True)]
@@ -122,14 +124,17 @@ def collect(
     if place is None:
         return None
     direct = answers.labels()
-    labels = without_ground(splats, direct, place)
+    labels = without_ground(splats, direct, place) if cut_ground else direct
     first = [
         stretched(render_labels(splats, [labels], camera, place, threads=threads)[0])
         for camera in around
     ]
     again = tally(splats, around, first, threads=threads).labels()
-    certain = (without_ground(splats, again, place) >= CERTAIN).astype(np.float32)
+    voted = without_ground(splats, again, place) if cut_ground else again
+    certain = (voted >= CERTAIN).astype(np.float32)
     joined = with_attached_parts(splats, again, weights, place, direct)
+    if not cut_ground:
+        joined = np.maximum(joined, certain)
     by_all = [
         render_labels(splats, [certain, joined], camera, place, threads=threads) for camera in shown
     ]

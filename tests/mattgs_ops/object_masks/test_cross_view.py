@@ -1,27 +1,61 @@
-"""What the stage leaves as it was, and what it says of it; masks by votes are tested next door."""
+"""What the stage leaves as it was, what it does about a low plate, and what it says of both."""
 
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+import torch
 
+from mattgs_ops.capture.formats.colmap_cameras import ColmapCamera
+from mattgs_ops.capture.formats.colmap_model import write_model
 from mattgs_ops.capture.masks import mask_name
 from mattgs_ops.capture.scene import PreparedCapture, Scene, SparsePoints, View
-from mattgs_ops.object_masks.cross_view import agree
+from mattgs_ops.capture.sparse import SparseImage, SparseModel
+from mattgs_ops.object_masks import cross_view
+from mattgs_ops.object_masks.cross_view import agree, read_mask
+from mattgs_ops.object_masks.silhouettes import iou
 from mattgs_ops.segment.mask_report import MaskReport, ViewReport
+from mattgs_ops.splat.gaussians import Splats
+from mattgs_ops.splat.rasterize import render
+from mattgs_ops.splat.training.initialise import SH_C0
 from tests.mattgs_ops.object_masks.ball import HEIGHT, WIDTH, orbit
+from tests.mattgs_ops.object_masks.test_splat_votes import BALL, made_of, scene_of_splats
 
 
-def solved(folder: Path, source: str, maps: list[np.ndarray]) -> tuple[Scene, PreparedCapture]:
-    """Write a scene of grey photos with these maps as soft maps and masks."""
+def without_points(views: list[View]) -> SparseModel:
+    """Return the model of views with a camera, by one lens and no points."""
+    lens = orbit()[0].intrinsics
+    pinhole = ColmapCamera("PINHOLE", WIDTH, HEIGHT, (lens.fx, lens.fy, lens.cx, lens.cy))
+    images = {
+        number: SparseImage(
+            view.photo.name,
+            1,
+            view.camera.rotation,
+            view.camera.translation,
+            np.zeros((0, 2)),
+            np.zeros(0, np.int64),
+        )
+        for number, view in enumerate(views, 1)
+        if view.camera is not None
+    }
+    return SparseModel(
+        {1: pinhole}, images, np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros(0)
+    )
+
+
+def solved(
+    folder: Path, source: str, maps: list[np.ndarray], photos: list[np.ndarray] | None = None
+) -> tuple[Scene, PreparedCapture]:
+    """Write a scene of photos, grey unless given, with these maps as soft maps and masks."""
     for name in ("photos", "masks", "soft"):
         (folder / name).mkdir(parents=True)
     views, rows = [], []
     for index, (camera, soft) in enumerate(zip(orbit(), maps, strict=False)):
         name = f"{index}.jpg"
         photo, mask = folder / "photos" / f"{name}.png", folder / "masks" / mask_name(name)
-        cv2.imwrite(str(photo), np.full((HEIGHT, WIDTH, 3), 90, np.uint8))
+        grey = np.full((HEIGHT, WIDTH, 3), 90, np.uint8)
+        cv2.imwrite(str(photo), photos[index] if photos else grey)
         cv2.imwrite(str(mask), np.where(soft >= 0.5, 255, 0).astype(np.uint8))
         cv2.imwrite(str(folder / "soft" / mask_name(name)), (soft * 255).astype(np.uint8))
         views.append(View(name, "train", WIDTH, HEIGHT, photo, mask, camera))
@@ -32,6 +66,7 @@ def solved(folder: Path, source: str, maps: list[np.ndarray]) -> tuple[Scene, Pr
     )
     scene = Scene("grey", folder, tuple(views), {"dropped": ["1.jpg"]})
     scene.save(points)
+    write_model(without_points(views), folder / "sparse" / "0")
     MaskReport(source, "none", None, tuple(rows)).save(folder / "masks.json")
     return scene, PreparedCapture("grey", folder, tuple(views), "none", "given")
 
@@ -59,3 +94,51 @@ def test_masks_stay_and_the_scene_says_why(
         assert view.mask is not None
         assert view.mask.read_bytes() == before.read_bytes()
     assert Scene.load(tmp_path / "out").extra == done.extra
+
+
+def painted(colours: np.ndarray, splats: Splats) -> list[np.ndarray]:
+    """Show splats with colours [N, 3] in [0, 1] to every camera, as floats [H, W, 3]."""
+    splats.sh_dc = torch.from_numpy(((colours - 0.5) / SH_C0).astype(np.float32))
+    black = (0.0, 0.0, 0.0)
+    return [render(splats, camera, black, sh_degree=0).image.numpy() for camera in orbit()]
+
+
+@pytest.mark.parametrize("plate", [True, False])
+def test_the_ground_is_cut_unless_that_goes_through_a_plate_of_the_object(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, plate: bool
+) -> None:
+    """A ball on a desk, on a low plate or in a shadow of that size. Maps claim either.
+
+    Splats of an even plate lie at any height in it, so that a cut leaves it in shreds.
+    """
+    means = scene_of_splats().means.numpy()
+    distance = np.linalg.norm(means[:, :2], axis=1)
+    disc = (np.arange(len(means)) >= BALL) & (distance < 0.9)
+    heights = np.random.default_rng(1).uniform(0, 0.06, len(means))
+    means[disc, 2] = heights[disc] if plate else 0.0
+    splats = made_of(means, np.full(len(means), 0.025))
+    claimed = (np.arange(len(means)) < BALL) | disc
+    speckles = np.random.default_rng(0).uniform(0.2, 0.9, (len(means), 1)).repeat(3, axis=1)
+    shade = np.where(disc, np.clip(distance / 0.9, 0.3, 1), 1)[:, None]
+    colours = np.where(disc[:, None], [0.1, 0.2, 0.7], speckles) if plate else speckles * shade
+    colours[:BALL] = [0.8, 0.1, 0.1]
+    photos = [
+        np.rint(photo.clip(0, 1) * 255).astype(np.uint8) for photo in painted(colours, splats)
+    ]
+    truths = [
+        shown[..., 0]
+        for shown in painted((claimed if plate else claimed & ~disc)[:, None].repeat(3, 1), splats)
+    ]
+    maps = [shown[..., 0].clip(0, 1) for shown in painted(claimed[:, None].repeat(3, 1), splats)]
+    scene, capture = solved(tmp_path / "in", "u2net", maps, photos)
+    monkeypatch.setattr(cross_view, "train_surfaces", lambda *_args, **_settings: splats)
+    found = agree(scene, capture, tmp_path / "out")
+    assert found.extra["agreement"]["ground_share"] > 0.5
+    assert found.extra["agreement"]["masks"] == "votes"
+    assert found.extra["agreement"]["ground_cut"] != plate
+    scores = [
+        iou(read_mask(view.mask) > 0, shown >= 0.5)
+        for view, shown in zip(found.views, truths, strict=True)
+        if view.mask is not None
+    ]
+    assert np.mean(scores) > 0.85, scores

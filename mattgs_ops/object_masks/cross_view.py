@@ -22,7 +22,6 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import ttest_rel
 
 from mattgs_ops.capture import sparse
 from mattgs_ops.capture.camera import Camera
@@ -33,7 +32,8 @@ from mattgs_ops.errors import StageError
 from mattgs_ops.object_masks import silhouettes, splat_votes
 from mattgs_ops.object_masks.decision import HALF, Decision, decide
 from mattgs_ops.object_masks.ground_plane import Plane
-from mattgs_ops.object_masks.photo_edges import to_photo_edges
+from mattgs_ops.object_masks.photo_colours import ColourEvidence, ask_colours, by_colours
+from mattgs_ops.object_masks.photo_edges import closer_to_edges, to_photo_edges
 from mattgs_ops.object_masks.surfaces import train_surfaces
 from mattgs_ops.progress import Progress, no_progress
 from mattgs_ops.segment.mask_report import MaskReport, ViewReport, border_share, flags_of
@@ -44,7 +44,6 @@ from mattgs_ops.splat.photos import camera_at
 # each labelled by the true masks they reach an IoU of 0.92 on the bundled hexapod.
 ITERATIONS, RESOLUTION = 1000, 400
 VOTING = 256  # pixels, of the views that splats ask: the photos' maps are coarse
-CHANCE = 0.025  # that outlines seem better confirmed and are not: half of what 95 % leave out
 UNUSUAL = 0.5  # IoU of delivered and own mask below which they share less than they differ
 
 
@@ -93,8 +92,9 @@ def agree(
     if found.cut_in_doubt:
         without = judged(cut_ground=False)
         found = without if _better_confirmed(without.decision, found.decision, trained) else found
+    colours = ask_colours(photos, own, found.maps, trained)
     agreed = dict(zip(names, found.maps, strict=True))
-    return _write(scene, capture, out, report, agreed, _decision_record(found))
+    return _write(scene, capture, out, report, agreed, _decision_record(found, colours))
 
 
 @dataclass(frozen=True)
@@ -118,24 +118,23 @@ class _Judged:
 
 
 def _better_confirmed(first: Decision, second: Decision, trained: Sequence[bool]) -> bool:
-    """Whether the first decision believes votes whose outlines lie on edges more, view by view.
-
-    By a paired t-test over the views that decide: by chance it says so once in forty times.
-    """
+    """Whether the first decision believes votes whose outlines lie on edges more, view by view."""
     if first.masks != "votes":
         return False
     shares = [
-        [one.confirmed for one, use in zip(decision.views, trained, strict=True) if use]
+        [one.confirmed or 0.0 for one, use in zip(decision.views, trained, strict=True) if use]
         for decision in (first, second)
     ]
-    return bool(ttest_rel(*shares, alternative="greater").pvalue < CHANCE)
+    return closer_to_edges(*shares)
 
 
-def _decision_record(found: _Judged) -> dict[str, Any]:
+def _decision_record(found: _Judged, colours: ColourEvidence | None) -> dict[str, Any]:
     """Return the decision as JSON values, rounded."""
-    summary: dict[str, Any] = _rounded(asdict(found.decision))
-    share = None if found.ground is None else round(found.ground.share, 4)
-    return summary | {"ground_share": share, "ground_cut": found.ground_cut}
+    share = None if found.ground is None else found.ground.share
+    asked = None if colours is None else asdict(colours)
+    summary = {"ground_share": share, "ground_cut": found.ground_cut, "colours": asked}
+    record: dict[str, Any] = _rounded(asdict(found.decision) | summary)
+    return record
 
 
 def _rounded(value: Any) -> Any:
@@ -160,10 +159,13 @@ def _write(
     rows, borders, kept, dropped = [], [], [], []
     overlaps: dict[str, float] = {}
     voted = {one["name"] for one in decision["views"] if one["masks"] == "votes"}
+    colours = bool(decision["colours"] and decision["colours"]["used"])
     for view in scene.views:
         own = read_mask(out / "masks" / mask_name(view.name))
         soft = agreed.get(view.name)
-        mask = None if soft is None else _mask(soft, view, by_votes=view.name in voted)
+        mask = None
+        if soft is not None:
+            mask = _mask(soft, view, by_votes=view.name in voted, colours=colours)
         if soft is None or mask is None or not mask.any():
             kept.append(view.name)
             rows.append(old[view.name])
@@ -202,10 +204,13 @@ def _keep(scene: Scene, out: Path, reason: str) -> Scene:
     return kept
 
 
-def _mask(soft: SoftMap, view: View, *, by_votes: bool) -> Mask:
-    """Threshold a map at the photo's size; outlines by votes move to the photo's edges."""
+def _mask(soft: SoftMap, view: View, *, by_votes: bool, colours: bool) -> Mask:
+    """Make a mask of the photo's size; outlines by votes move to the photo's edges."""
     full = cv2.resize(soft, (view.width, view.height), interpolation=cv2.INTER_CUBIC)
-    mask = clean(threshold(full, HALF))
+    if colours:
+        mask = by_colours(_read_photo(view), full.clip(0, 1))
+    else:
+        mask = clean(threshold(full, HALF))
     return clean(to_photo_edges(mask, _read_photo(view))) if by_votes else mask
 
 

@@ -27,13 +27,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mattgs_ops.capture.masks import SoftMap, clean
+from mattgs_ops.capture.masks import SoftMap
+from mattgs_ops.object_masks.photo_edges import edges_near, share_on_edges
 from mattgs_ops.object_masks.silhouettes import Silhouettes, iou
 from mattgs_ops.object_masks.splat_votes import Votes
 
 HALF = 0.5  # from here on a map says object
-EDGE = 0.02  # of the range, per pixel: five grey levels; sensors and JPEG stay below
-EDGE_REACH = 2  # pixels, at the size of the answers, between an outline and the photo's edge
 # Outlines are coarse, and fur has no edge: some of each runs beside the photo's edges. A quarter
 # more of it than of the outline that it would replace is not that.
 UNCONFIRMED = 0.25
@@ -93,11 +92,11 @@ def decide(
     decision and do not influence it.
     """
     deciding = [index for index in range(len(names)) if trained is None or trained[index]]
-    edges = [_edges(photo) for photo in photos]
+    edges = [edges_near(photo) for photo in photos]
     others = [
         _resized(soft, mine.shape) for soft, mine in zip(silhouettes.predicted, own, strict=True)
     ]
-    by_outline = _overlaps(own, others)
+    by_outline = overlaps(own, others)
     outline_agreement = silhouettes.mean
     confirmed = {"maps": _confirmed(own, edges, deciding)}
     if votes is None:
@@ -108,7 +107,7 @@ def decide(
         )
         maps = _fused(own, others, own, outline_agreement, 0.0)
         return Decision("maps", reason, outline_agreement, None, confirmed, 0.0, False, views), maps
-    by_votes = _overlaps(own, votes.certain)
+    by_votes = overlaps(own, votes.certain)
     votes_agreement = float(np.mean(votes.agreement))
     confirmed["votes"] = _confirmed(votes.certain, edges, deciding)
     confirmed["attached"] = _confirmed(votes.with_parts, edges, deciding)
@@ -122,7 +121,7 @@ def decide(
         _source(objection, *view)
         for view in zip(own, voted, edges, by_outline, by_votes, strict=True)
     ]
-    on_edges = [_on_edge(v >= HALF, edge) for v, edge in zip(voted, edges, strict=True)]
+    on_edges = [share_on_edges(v >= HALF, edge) for v, edge in zip(voted, edges, strict=True)]
     predicted = [
         _resized(soft, mine.shape) for soft, mine in zip(votes.predicted, own, strict=True)
     ]
@@ -150,11 +149,14 @@ def _source(
     objection: str, own: SoftMap, voted: SoftMap, edges: Bits, by_outline: float, by_votes: float
 ) -> Source:
     """Return one view's source: votes, unless the capture's or the view's evidence is against."""
-    unconfirmed = _on_edge(voted >= HALF, edges) < _on_edge(own >= HALF, edges) - UNCONFIRMED
+    unconfirmed = (
+        share_on_edges(voted >= HALF, edges) < share_on_edges(own >= HALF, edges) - UNCONFIRMED
+    )
     return "maps" if objection or (unconfirmed and by_votes < by_outline) else "votes"
 
 
-def _overlaps(first: Sequence[SoftMap], second: Sequence[SoftMap]) -> list[float]:
+def overlaps(first: Sequence[SoftMap], second: Sequence[SoftMap]) -> list[float]:
+    """Return the IoU of each two maps [H, W], 0.5 and above is object."""
     return [iou(a >= HALF, b >= HALF) for a, b in zip(first, second, strict=True)]
 
 
@@ -213,31 +215,8 @@ def _odds(agreement: float) -> float:
     return share / (1 - share)
 
 
-def _edges(photo: NDArray[np.uint8]) -> Bits:
-    """Return where a photo [H, W, 3] has an edge within reach [H, W]."""
-    unit = photo.astype(np.float32) / 255
-    # Sobel's kernel sums to 8 for a slope of 1 a pixel
-    slopes = np.hypot(cv2.Sobel(unit, cv2.CV_32F, 1, 0), cv2.Sobel(unit, cv2.CV_32F, 0, 1)) / 8
-    side = 2 * EDGE_REACH + 1
-    strong = (slopes.max(axis=2) > EDGE).astype(np.uint8)
-    near: Bits = cv2.dilate(strong, np.ones((side, side), np.uint8)) > 0
-    return near
-
-
 def _confirmed(maps: Sequence[SoftMap], edges: Sequence[Bits], deciding: Sequence[int]) -> float:
-    return float(np.mean([_on_edge(maps[index] >= HALF, edges[index]) for index in deciding]))
-
-
-def _on_edge(mask: Bits, edges: Bits) -> float:
-    """Return the share of a mask's outline that lies on edges; 0 where there is no outline.
-
-    The mask is cleaned first, as masks are that are delivered. Where it leaves the photo there is
-    no outline.
-    """
-    binary = clean(np.where(mask, 255, 0).astype(np.uint8))
-    inside = cv2.erode(binary, np.ones((3, 3), np.uint8), borderType=cv2.BORDER_REPLICATE)
-    outline = (binary > 0) & (inside == 0)
-    return float(edges[outline].mean()) if outline.any() else 0.0
+    return float(np.mean([share_on_edges(maps[index] >= HALF, edges[index]) for index in deciding]))
 
 
 def _resized(soft: SoftMap, shape: tuple[int, ...]) -> SoftMap:

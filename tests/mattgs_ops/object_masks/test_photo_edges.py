@@ -1,9 +1,14 @@
-"""Outlines go to the photo's edges nearby, and thin things survive."""
+"""Outlines are held against the photo's edges and go to those nearby; thin things survive."""
 
 import cv2
 import numpy as np
 
-from mattgs_ops.object_masks.photo_edges import to_photo_edges
+from mattgs_ops.object_masks.photo_edges import (
+    closer_to_edges,
+    edges_near,
+    share_on_edges,
+    to_photo_edges,
+)
 from mattgs_ops.object_masks.silhouettes import iou
 
 SIDE = 320
@@ -51,3 +56,21 @@ def test_a_mask_without_an_inside_is_returned_as_it_is() -> None:
     wire = np.zeros((SIDE, SIDE), np.uint8)
     wire[:, 160:162] = 255
     assert np.array_equal(to_photo_edges(wire, photo_of(wire)), wire)
+
+
+def test_an_outline_lies_on_edges_where_the_photo_has_some() -> None:
+    edges = edges_near(photo_of(disc(80)))
+    assert share_on_edges(disc(80) > 0, edges) > 0.95
+    quiet = edges_near(cv2.GaussianBlur(photo_of(disc(80)), (0, 0), 2))
+    assert share_on_edges(disc(60) > 0, quiet) == 0
+    assert share_on_edges(np.zeros((SIDE, SIDE), bool), edges) == 0
+
+
+def test_one_view_in_doubt_does_not_decide_for_all() -> None:
+    shares = [0.90, 0.92, 0.91, 0.89, 0.93]
+    higher = [share + 0.05 + 0.001 * k for k, share in enumerate(shares)]
+    assert closer_to_edges(higher, shares)
+    assert not closer_to_edges(shares, higher)
+    assert not closer_to_edges([0.99, *shares[1:]], shares)
+    assert not closer_to_edges(shares, shares)
+    assert not closer_to_edges([0.9], [0.1])

@@ -1,0 +1,71 @@
+"""Colours cut masks anew where photos and maps both speak for it, and nowhere else."""
+
+import cv2
+import numpy as np
+
+from mattgs_ops.object_masks.photo_colours import ask_colours, by_colours
+from mattgs_ops.object_masks.silhouettes import iou
+
+SIDE, VIEWS = 160, 6
+Pictures = list[np.ndarray]
+
+
+def ring(view: int) -> np.ndarray:
+    """Return a thing with an opening [H, W] in {0, 1}, elsewhere in every view."""
+    mask = np.zeros((SIDE, SIDE), np.float32)
+    middle = 70 + 4 * view, 80
+    cv2.circle(mask, middle, 50, 1.0, -1)
+    cv2.rectangle(mask, (middle[0] - 18, 70), (middle[0] + 18, 110), 0.0, -1)
+    return mask
+
+
+def photo_of(mask: np.ndarray, noise: float) -> np.ndarray:
+    """Make a dark thing on white paper, with noise."""
+    photo = np.where(mask[..., None] > 0, (60, 50, 90), (225, 228, 226)).astype(np.float32)
+    photo += np.random.default_rng(0).normal(0, noise, photo.shape)
+    return photo.clip(0, 255).astype(np.uint8)
+
+
+def filled(mask: np.ndarray) -> np.ndarray:
+    """Return a map by votes: it takes the opening's lower half for object, and is unsure of it."""
+    soft = cv2.GaussianBlur(0.95 * mask, (0, 0), 1.5)
+    hole = (mask == 0) & (cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((61, 61))) > 0)
+    hole[:90] = False
+    return np.where(hole, 0.7, soft).astype(np.float32)
+
+
+def test_what_is_paper_by_colour_is_cut_away() -> None:
+    truths = [ring(view) for view in range(VIEWS)]
+    photos = [photo_of(mask, 3) for mask in truths]
+    agreed = [filled(mask) for mask in truths]
+    found = ask_colours(photos, truths, agreed, [True] * VIEWS)
+    assert found is not None
+    assert found.used
+    assert found.on_edges[1] > found.on_edges[0]
+    assert found.own_maps[1] > found.own_maps[0]
+    for photo, soft, true in zip(photos, agreed, truths, strict=True):
+        assert iou(by_colours(photo, soft) > 0, true > 0) > 0.95 > iou(soft >= 0.5, true > 0)
+
+
+def test_maps_that_say_otherwise_are_not_overruled() -> None:
+    truths = [ring(view) for view in range(VIEWS)]
+    photos = [photo_of(mask, 3) for mask in truths]
+    agreed = [filled(mask) for mask in truths]
+    found = ask_colours(photos, agreed, agreed, [True] * VIEWS)
+    assert found is not None
+    assert not found.used
+
+
+def test_outlines_that_lie_on_edges_need_nothing() -> None:
+    truths = [ring(view) for view in range(VIEWS)]
+    photos = [photo_of(mask, 3) for mask in truths]
+    assert ask_colours(photos, truths, truths, [True] * VIEWS) is None
+
+
+def test_held_out_views_are_not_asked() -> None:
+    truths = [ring(view) for view in range(VIEWS)]
+    photos = [photo_of(mask, 3) for mask in truths]
+    agreed = [*truths[:3], *map(filled, truths[3:])]
+    trained = [True] * 3 + [False] * 3
+    assert ask_colours(photos, truths, agreed, trained) is None
+    assert ask_colours(photos, truths, agreed, trained[::-1]) is not None

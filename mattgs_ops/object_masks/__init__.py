@@ -2,7 +2,8 @@
 
 ``silhouettes`` predicts each view's map from the others' outlines; ``splat_votes`` lets views vote
 through splats; ``attached_parts`` joins what touches the object in 3D, ``ground_plane`` finds the
-plane it stands on; ``decision`` weighs votes, silhouettes and maps; ``photo_edges`` moves outlines
-to the photo's edges; ``doubts`` says what is wrong with the result; ``cross_view`` runs it all.
+plane it stands on; ``decision`` weighs votes, silhouettes and maps; ``photo_edges`` holds outlines
+against the photo's edges and moves them there, ``photo_colours`` cuts masks anew by colour;
+``doubts`` says what is wrong with the result; ``cross_view`` runs it all.
 Public face: ``cross_view.agree``.
 """

@@ -93,7 +93,10 @@ def agree(
         without = judged(cut_ground=False)
         found = without if _better_confirmed(without.decision, found.decision, trained) else found
     colours = ask_colours(photos, own, found.maps, trained)
-    agreed = dict(zip(names, found.maps, strict=True))
+    soft = found.maps
+    if colours and colours.used:
+        soft = [by_colours(photo, one) for photo, one in zip(photos, soft, strict=True)]
+    agreed = dict(zip(names, soft, strict=True))
     return _write(scene, capture, out, report, agreed, _decision_record(found, colours))
 
 
@@ -159,13 +162,10 @@ def _write(
     rows, borders, kept, dropped = [], [], [], []
     overlaps: dict[str, float] = {}
     voted = {one["name"] for one in decision["views"] if one["masks"] == "votes"}
-    colours = bool(decision["colours"] and decision["colours"]["used"])
     for view in scene.views:
         own = read_mask(out / "masks" / mask_name(view.name))
         soft = agreed.get(view.name)
-        mask = None
-        if soft is not None:
-            mask = _mask(soft, view, by_votes=view.name in voted, colours=colours)
+        mask = None if soft is None else _mask(soft, view, by_votes=view.name in voted)
         if soft is None or mask is None or not mask.any():
             kept.append(view.name)
             rows.append(old[view.name])
@@ -204,13 +204,10 @@ def _keep(scene: Scene, out: Path, reason: str) -> Scene:
     return kept
 
 
-def _mask(soft: SoftMap, view: View, *, by_votes: bool, colours: bool) -> Mask:
-    """Make a mask of the photo's size; outlines by votes move to the photo's edges."""
+def _mask(soft: SoftMap, view: View, *, by_votes: bool) -> Mask:
+    """Threshold a map at the photo's size; outlines by votes move to the photo's edges."""
     full = cv2.resize(soft, (view.width, view.height), interpolation=cv2.INTER_CUBIC)
-    if colours:
-        mask = by_colours(_read_photo(view), full.clip(0, 1))
-    else:
-        mask = clean(threshold(full, HALF))
+    mask = clean(threshold(full, HALF))
     return clean(to_photo_edges(mask, _read_photo(view))) if by_votes else mask
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mattgs_ops.capture.masks import Mask, SoftMap, clean
+from mattgs_ops.capture.masks import SoftMap, clean
 from mattgs_ops.object_masks.decision import HALF, overlaps
 from mattgs_ops.object_masks.photo_edges import closer_to_edges, edges_near, share_on_edges
 from mattgs_ops.segment.grabcut import grabcut_seeded
@@ -47,11 +47,11 @@ def ask_colours(
     count = min(len(deciding), MOST_VIEWS)
     asked = [deciding[k * len(deciding) // count] for k in range(count)]
     edges = [edges_near(photos[index]) for index in asked]
-    before = [_binary(clean(_bytes(agreed[index] >= HALF))) for index in asked]
+    before = [_cleaned(agreed[index]) for index in asked]
     shares = [share_on_edges(mask > 0, edge) for mask, edge in zip(before, edges, strict=True)]
     if np.mean(shares) >= GOOD:
         return None
-    after = [_binary(by_colours(photos[index], agreed[index])) for index in asked]
+    after = [_cleaned(by_colours(photos[index], agreed[index])) for index in asked]
     cut = [share_on_edges(mask > 0, edge) for mask, edge in zip(after, edges, strict=True)]
     mine = [own[index] for index in asked]
     meets = [float(np.mean(overlaps(mine, masks))) for masks in (before, after)]
@@ -62,21 +62,19 @@ def ask_colours(
     )
 
 
-def by_colours(photo: NDArray[np.uint8], soft: SoftMap) -> Mask:
-    """Cut a mask [H, W] anew: photo [H, W, 3] BGR, map [H, W] in [0, 1].
+def by_colours(photo: NDArray[np.uint8], soft: SoftMap) -> SoftMap:
+    """Correct a map [H, W] in [0, 1] by the colours of its photo [H, W, 3] BGR.
 
-    What the map is sure about stays, thin parts included, which have no inside to learn colours
-    from.
+    Where colours deny it the map is mirrored about a half; elsewhere it stays. What it is sure
+    about stays as well, thin parts included, which have no inside to learn colours from.
     """
     cut = grabcut_seeded(np.ascontiguousarray(photo[..., ::-1]), soft)
     cut[soft >= SURE] = 255
     cut[soft <= 1 - SURE] = 0
-    return clean(cut)
+    corrected: SoftMap = np.where((cut > 0) == (soft >= HALF), soft, 1 - soft).astype(np.float32)
+    return corrected
 
 
-def _bytes(mask: NDArray[np.bool_]) -> Mask:
-    return np.where(mask, 255, 0).astype(np.uint8)
-
-
-def _binary(mask: Mask) -> SoftMap:
-    return (mask > 0).astype(np.float32)
+def _cleaned(soft: SoftMap) -> SoftMap:
+    """Threshold and clean a map as masks are that are delivered."""
+    return (clean(np.where(soft >= HALF, 255, 0).astype(np.uint8)) > 0).astype(np.float32)

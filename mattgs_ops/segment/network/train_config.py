@@ -26,6 +26,7 @@ class WorldConfig(Frozen):
     plain: float = Field(0.4, ge=0, le=1, description="cloth, paper, bare tables, flash")
     walls: float = Field(0.12, ge=0, le=1, description="irregular things in front of a wall")
     figures: float = Field(0.3, ge=0, le=1, description="share of objects that are smooth figures")
+    turntables: float = Field(0.12, ge=0, le=1, description="share of objects that stand on a disc")
 
     @model_validator(mode="after")
     def _at_most_all(self) -> "WorldConfig":

@@ -29,6 +29,7 @@ from mattgs_ops.segment.training_images.plain_grounds import (
     like_ground,
     paint_ground,
     random_ground,
+    turntable,
 )
 from mattgs_ops.segment.training_images.solids import Array, Colour, Face, Paint
 from mattgs_ops.segment.training_images.textures import Bank
@@ -62,7 +63,7 @@ class Composites:
         if self.backdrops and rng.random() < self.backdrop_share:
             backdrop = self.backdrops[int(rng.integers(len(self.backdrops)))]
             thing = random_thing(rng, self.world.figures)
-            image, mask = traced_scene(rng, side, self.bank, backdrop, thing)
+            image, mask = traced_scene(rng, side, self.bank, backdrop, thing, self.world)
         else:
             image, mask = self._painted(rng, side)
         small = (self.size, self.size)
@@ -75,8 +76,9 @@ class Composites:
         if draw < self.world.walls:
             return organic_scene(rng, side, self.bank)
         if draw < self.world.walls + self.world.plain:
-            return plain_scene(rng, side, self.bank, self.world.figures)
-        return desk_scene(rng, side, self.bank, random_thing(rng, self.world.figures))
+            return plain_scene(rng, side, self.bank, self.world)
+        thing = random_thing(rng, self.world.figures)
+        return desk_scene(rng, side, self.bank, thing, self.world)
 
 
 def random_thing(
@@ -91,7 +93,7 @@ def random_thing(
 
 
 def desk_scene(
-    rng: np.random.Generator, side: int, bank: Bank, thing: Thing
+    rng: np.random.Generator, side: int, bank: Bank, thing: Thing, world: WorldConfig
 ) -> tuple[Image, Image]:
     """Draw an object on a desk, seen from somewhere above it."""
     camera = look_at(rng, side, points_of(thing))
@@ -100,33 +102,40 @@ def desk_scene(
     canvas.plane("desk", rng.uniform(4, 9), 0.0)
     for _ in range(int(rng.integers(0, 9))):
         canvas.sheet(rng.normal(0, 1.6, 2), rng.uniform(0.3, 1.6, 2))
-    draw_in_order(canvas, thing, place_clutter(rng, camera, int(rng.integers(0, 14))))
+    others = place_clutter(rng, camera, int(rng.integers(0, 14)))
+    draw_in_order(canvas, thing, others, world.turntables)
     return canvas.image, canvas.mask
 
 
 def plain_scene(
-    rng: np.random.Generator, side: int, bank: Bank, figures: float
+    rng: np.random.Generator, side: int, bank: Bank, world: WorldConfig
 ) -> tuple[Image, Image]:
     """Draw an object on cloth, paper or a bare table, at times of nearly the ground's colour."""
     kind, colour = random_ground(rng)
     colours = like_ground(rng, colour) if rng.random() < 0.35 else None
-    thing = random_thing(rng, figures, colours)
+    thing = random_thing(rng, world.figures, colours)
     camera = look_at(rng, side, points_of(thing))
     canvas = Canvas(side, camera, ground_light(rng, kind, camera.eye), bank, rng)
     paint_ground(canvas, kind, colour)
     others = place_clutter(rng, camera, int(rng.integers(1, 4)) if rng.random() < 0.15 else 0)
-    draw_in_order(canvas, thing, others)
+    draw_in_order(canvas, thing, others, world.turntables)
     return canvas.image, canvas.mask
 
 
 def traced_scene(
-    rng: np.random.Generator, side: int, bank: Bank, backdrop: Backdrop, thing: Thing
+    rng: np.random.Generator,
+    side: int,
+    bank: Bank,
+    backdrop: Backdrop,
+    thing: Thing,
+    world: WorldConfig,
 ) -> tuple[Image, Image]:
     """Draw an object, and at times painted clutter around it, on a path-traced desk."""
     camera = backdrop.camera(side, float(rng.uniform(9, 15)))
     canvas = Canvas(side, camera, Light.random(rng), bank, rng)
     canvas.image = backdrop.on_canvas(side)
-    draw_in_order(canvas, thing, place_clutter(rng, camera, int(rng.integers(0, 5))))
+    others = place_clutter(rng, camera, int(rng.integers(0, 5)))
+    draw_in_order(canvas, thing, others, world.turntables)
     return canvas.image, canvas.mask
 
 
@@ -137,8 +146,16 @@ def points_of(thing: Thing) -> Array:
     return np.concatenate([face.contours[0] for face in thing])
 
 
-def draw_in_order(canvas: Canvas, thing: Thing, others: list[list[Face]]) -> None:
-    """Draw shadows, the farther clutter, the object, the nearer clutter."""
+def draw_in_order(
+    canvas: Canvas, thing: Thing, others: list[list[Face]], turntables: float
+) -> None:
+    """Draw shadows, the farther clutter, the object, the nearer clutter.
+
+    With the probability ``turntables`` the object stands on a disc, and no clutter beside it.
+    """
+    if turntables and canvas.rng.random() < turntables:
+        canvas.draw(turntable(canvas.rng, points_of(thing)), is_object=False)
+        others = []
     cast = [] if isinstance(thing, Figure) else thing
     casting = [*cast, *(face for faces in others for face in faces)]
     if casting:

@@ -1,4 +1,4 @@
-"""Plain grounds for training images: black cloth, a white sweep, paper, a bare table, flash.
+"""Plain grounds for training images: cloth, a white sweep, paper, a bare table, flash, a turntable.
 
 On such grounds an object is easy to see for people and, for a network that knows cluttered desks
 alone, a surprise. Pale things also lie on pale ground here, and dark ones on dark ground.
@@ -12,7 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mattgs_ops.segment.training_images.draw import Canvas, Light
-from mattgs_ops.segment.training_images.solids import Colour, Face, random_colour
+from mattgs_ops.segment.training_images.solids import (
+    Array,
+    Colour,
+    Face,
+    cylinder,
+    random_colour,
+)
 
 Kind = Literal["black", "sweep", "paper", "table", "flash"]
 KINDS: tuple[Kind, ...] = ("black", "black", "sweep", "sweep", "paper", "table", "table", "flash")
@@ -82,6 +88,21 @@ def paint_ground(canvas: Canvas, kind: Kind, colour: Colour) -> None:
         shade = shade * _falloff(canvas)
     grain = rng.normal(0, 2.0, (side, side, 1)).astype(np.float32) if kind == "black" else 0.0
     canvas.image = np.clip(canvas.image * shade[..., None] + grain, 0, 255).astype(np.uint8)
+
+
+def turntable(rng: np.random.Generator, points: Array) -> list[Face]:
+    """Return a plain round plate that an object of these points [K, 3] stands on, wider than it.
+
+    It is ground, though it stands out and has an outline of its own: its top is at height 0.
+    """
+    reach = float(np.linalg.norm(points[:, :2], axis=1).max())
+    radius = reach * float(rng.uniform(1.05, 2.0))
+    middle = np.array([*rng.normal(0, 0.06 * reach, 2), 0.0])
+    below = middle - [0, 0, reach * float(rng.uniform(0.02, 0.16))]
+    value = rng.choice([rng.uniform(0.02, 0.2), rng.uniform(0.75, 0.98)])  # black or white
+    plain = (float(value), float(value), float(value))
+    colour = plain if rng.random() < 0.6 else random_colour(rng)
+    return cylinder(below, middle, radius, colour, sides=48)
 
 
 def _slope(rng: np.random.Generator, side: int, depth: float) -> Floats:

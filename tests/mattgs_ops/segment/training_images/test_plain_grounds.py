@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from mattgs_ops.segment.training_images.composites import draw_in_order
 from mattgs_ops.segment.training_images.draw import Camera, Canvas, Light
 from mattgs_ops.segment.training_images.plain_grounds import (
     KINDS,
@@ -11,7 +12,9 @@ from mattgs_ops.segment.training_images.plain_grounds import (
     like_ground,
     paint_ground,
     random_ground,
+    turntable,
 )
+from mattgs_ops.segment.training_images.solids import box
 from mattgs_ops.segment.training_images.textures import Bank
 
 SIDE = 64
@@ -65,3 +68,27 @@ def test_colours_like_the_ground_are_near_it_but_not_it() -> None:
 def test_every_kind_is_drawn() -> None:
     rng = np.random.default_rng(3)
     assert {random_ground(rng)[0] for _ in range(200)} == set(KINDS)
+
+
+def test_a_turntable_is_wider_than_the_object_and_below_it() -> None:
+    rng = np.random.default_rng(4)
+    points = np.array([[0.4, 0.3, 0.0], [-0.5, 0.1, 0.7], [0.0, -0.2, 1.0]])
+    for _ in range(10):
+        corners = np.concatenate([face.contours[0] for face in turntable(rng, points)])
+        assert np.linalg.norm(corners[:, :2], axis=1).max() > np.linalg.norm([0.5, 0.1])
+        assert corners[:, 2].max() == 0
+        assert corners[:, 2].min() < 0
+
+
+def test_a_turntable_is_drawn_and_no_part_of_the_mask(bank: Bank) -> None:
+    drawn = {}
+    for share in (0.0, 1.0):
+        rng = np.random.default_rng(5)
+        camera = Camera.facing(EYE, np.zeros(3), SIDE, 1.0, 1.0, 0.0)
+        canvas = Canvas(SIDE, camera, Light.random(rng), bank, rng)
+        cube = box(np.array([0, 0, 0.3]), np.full(3, 0.6), (0.9, 0.1, 0.1))
+        draw_in_order(canvas, cube, [], share)
+        drawn[share] = canvas
+    assert (drawn[0.0].mask == drawn[1.0].mask).all()
+    outside = drawn[1.0].mask == 0
+    assert (drawn[0.0].image[outside] != drawn[1.0].image[outside]).any(-1).mean() > 0.01

@@ -1,7 +1,7 @@
 """Segmentation: how well masks agree with the truth, and photos per second.
 
     python benchmarks/segment.py [--captures rover,hexapod,lattepanda] [--sets FOLDER] [--views 24]
-        [--also dino=PATH:MASKS …] [--masks alone,delivered] [--threads 2] [--speed]
+        [--also dino=PATH:MASKS …] [--masks alone,delivered] [--model FILE] [--threads 2] [--speed]
 
 Prints a Markdown table, a line for each capture: the network's own masks (``alone``) and those that
 the pipeline delivers (``delivered``: cameras, then the agreement of all views). Each has mean IoU
@@ -13,7 +13,7 @@ that many of each walk, evenly. ``--also NAME=PATH[:MASKS]`` adds a capture whos
 beside it, are its alpha, or are in ``MASKS``; without any it has no scores. True masks only score.
 Cameras that come with a capture are kept, bundled ones are estimated.
 
-``--masks`` also takes ``grabcut`` (the network's masks refined by colour) and ``no-network``.
+``--model`` names an ONNX file instead of the bundled network. ``--masks`` also takes ``grabcut`` (the network's masks refined by colour) and ``no-network``.
 ``--speed`` times U²-NetP at 320 × 320 and the bundled network, reading and resizing included.
 """
 
@@ -120,7 +120,7 @@ def fewer(path: Path, views: int | None, out: Path) -> Path:
 
 
 def masks_of(
-    capture: PreparedCapture, kinds: list[str], folder: Path, threads: int
+    capture: PreparedCapture, kinds: list[str], folder: Path, threads: int, model: Path | None
 ) -> dict[str, Masks]:
     """Make the asked-for kinds of masks; ``delivered`` needs the network's own."""
     made = {}
@@ -129,7 +129,8 @@ def masks_of(
         if kind == DELIVERED:
             made[kind] = delivered(capture, made["alone"], out, threads)
         else:
-            made[kind] = Masks(out, segment(capture, MASKS[kind], out, threads=threads))
+            config = MASKS[kind].model_copy(update={"model": model})
+            made[kind] = Masks(out, segment(capture, config, out, threads=threads))
     return made
 
 
@@ -184,7 +185,8 @@ def print_masks(options: argparse.Namespace, kinds: list[str], folder: Path) -> 
         capture = prepare.prepare(config, folder / config.name, test_every=8)
         if capture.masks_are != "none":  # whatever came along is the truth here
             capture = replace(capture, masks_are="truth")
-        for kind, masks in masks_of(capture, kinds, folder, options.threads).items():
+        made = masks_of(capture, kinds, folder, options.threads, options.model)
+        for kind, masks in made.items():
             cells = scores(capture, masks)
             head = f"| {capture.name} | {len(capture.views)} | {kind}"
             print(f"{head} | {cells} | {masks.believed} |", flush=True)
@@ -201,6 +203,7 @@ def main() -> None:
     parser.add_argument("--views", type=int)
     parser.add_argument("--also", action="append", default=[], metavar="NAME=PATH[:MASKS]")
     parser.add_argument("--masks", default=f"alone,{DELIVERED}")
+    parser.add_argument("--model", type=Path)
     parser.add_argument("--speed", action="store_true")
     options = parser.parse_args()
     kinds, known = options.masks.split(","), [*MASKS, DELIVERED]

@@ -13,8 +13,9 @@ that many of each walk, evenly. ``--also NAME=PATH[:MASKS]`` adds a capture whos
 beside it, are its alpha, or are in ``MASKS``; without any it has no scores. True masks only score.
 Cameras that come with a capture are kept, bundled ones are estimated.
 
-``--model`` names an ONNX file instead of the bundled network. ``--masks`` also takes ``grabcut`` (the network's masks refined by colour) and ``no-network``.
-``--speed`` times U²-NetP at 320 × 320 and the bundled network, reading and resizing included.
+``--model`` names an ONNX file instead of the bundled network. ``--masks`` also takes ``grabcut``
+(the network's masks refined by colour) and ``no-network``. ``--speed`` times U²-NetP at 320 × 320
+and the bundled network, reading and resizing included.
 """
 
 import argparse

@@ -213,7 +213,9 @@ def render_evaluation(
     sets: Annotated[str | None, typer.Option(help="Some of them, OBJECT-GROUND,…")] = None,
     views: Annotated[int, typer.Option(help="48, 24 or 12 of each walk.")] = 48,
 ) -> None:
-    """Render the evaluation sets for masks: three objects on six grounds, exact masks.
+    """Render the evaluation sets for masks: objects on grounds, with exact masks.
+
+    Three objects on six grounds, by which some bounds were chosen, and five sets that only judge.
 
     What is there is kept: a later call adds views or sets (needs the extra `captures`).
     """

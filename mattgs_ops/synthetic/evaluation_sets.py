@@ -1,11 +1,12 @@
-"""Evaluation sets: three objects on six grounds, to see where masks fail.
+"""Evaluation sets: three objects on six grounds, to see where masks fail, and five sets that judge.
 
     mattgs captures evaluation OUT [--sets rover-black-cloth,figurine-turntable] [--views 24]
 
 ``OUT/OBJECT-GROUND/`` is a capture as the bundled ones are: photos, exact masks and cameras of one
 walk of 48 views. With fewer ``--views`` every second or fourth of them is rendered, and a later
 call adds the rest: a view follows from its number and the seed alone. A set that is there is left
-as it is; a killed run goes on with the next view. Nothing here is ever trained on.
+as it is; a killed run goes on with the next view. Nothing here is ever trained on. No bound and no
+rule of the pipeline was chosen on :data:`JUDGING_SETS`: they say what the choices are worth.
 """
 
 import json
@@ -33,7 +34,16 @@ from mattgs_ops.synthetic.surfaces.mesh import Array, rotation
 from mattgs_ops.synthetic.surroundings.grounds import FLASH, GROUNDS, Ground, lay
 from mattgs_ops.synthetic.tracer import Tracer, choose_variant
 
-OBJECTS = {"rover": "rover", "crane": "desk_extra", "figurine": "figurine"}  # name: module
+OBJECTS = {  # name: module
+    "rover": "rover",
+    "crane": "desk_extra",
+    "figurine": "figurine",
+    "temple": "temple",
+    "stone": "stone",
+    "trunk": "trunk",
+}
+CHOOSING_OBJECTS = ("rover", "crane", "figurine")
+CHOOSING_GROUNDS = tuple(name for name in GROUNDS if name != "woods")
 WALK = 48  # views of a whole set
 COUNTS = (48, 24, 12)
 WIDTH, HEIGHT, SAMPLES = 400, 300, 12
@@ -61,7 +71,17 @@ class EvaluationSet:
         return [SEED, list(OBJECTS).index(self.thing), GROUNDS.index(self.ground)]
 
 
-SETS = tuple(EvaluationSet(thing, ground) for ground in GROUNDS for thing in OBJECTS)
+CHOOSING_SETS = tuple(
+    EvaluationSet(thing, ground) for ground in CHOOSING_GROUNDS for thing in CHOOSING_OBJECTS
+)
+JUDGING_SETS = (
+    EvaluationSet("temple", "black-cloth"),
+    EvaluationSet("temple", "white-sweep"),
+    EvaluationSet("stone", "cluttered-desk"),
+    EvaluationSet("stone", "dark-flash"),
+    EvaluationSet("trunk", "woods"),
+)
+SETS = CHOOSING_SETS + JUDGING_SETS
 NAMES = tuple(one.name for one in SETS)
 
 

@@ -146,3 +146,44 @@ def smudged(rng: Generator, width: int, height: int, tone: tuple[float, float, f
         shade = tuple(float(min(c * rng.uniform(0.75, 1.5), 255)) for c in tone)
         cv2.line(out, (int(a[0]), int(a[1])), (int(b[0]), int(b[1])), shade, 1, cv2.LINE_AA)
     return _image(out + rng.normal(0, 2.5, (height, width, 1)))
+
+
+def bark(rng: Generator, width: int, height: int) -> Image:
+    """Return furrowed bark, its furrows along y, with moss."""
+    furrows = cv2.resize(noise(rng, width, 128, 20), (width, height))
+    fibres = cv2.resize(
+        rng.standard_normal((height // 4, width)).astype(np.float32), (width, height)
+    )
+    value = 1 + 0.35 * furrows + 0.15 * noise(rng, width, height, 14) + 0.12 * fibres
+    moss = np.clip(noise(rng, width, height, width / 8) - 0.3, 0, 1)[..., None]
+    tone = (1 - moss) * np.array((104, 84, 66)) + moss * np.array((88, 104, 52))
+    return _image(value[..., None] * tone)
+
+
+def granite(rng: Generator, width: int, height: int, tone: tuple[float, float, float]) -> Image:
+    """Return dull, speckled stone with stains."""
+    value = 1 + 0.25 * noise(rng, width, height, width / 12)
+    value += 0.18 * noise(rng, width, height, 8) + 0.1 * rng.standard_normal((height, width))
+    return _image(value[..., None] * np.array(tone))
+
+
+def fallen_leaves(rng: Generator, width: int, height: int, leaves: int) -> Image:
+    """Return earth under that many leaves of four tones."""
+    value = 1 + 0.3 * noise(rng, width, height, 50) + 0.35 * noise(rng, width, height, 9)
+    image = _image(value[..., None] * np.array((92, 86, 50)))
+    tones = np.array([(134, 92, 44), (96, 112, 48), (168, 128, 66), (70, 58, 40)])
+    for _ in range(leaves):
+        x, y = rng.uniform(0, [width, height])
+        long, wide, turn = rng.uniform(4, 16), rng.uniform(2, 7), rng.uniform(0, 180)
+        tone = tones[rng.integers(len(tones))] * rng.uniform(0.6, 1.2)
+        shade = tuple(float(c) for c in tone)
+        cv2.ellipse(
+            image, ((float(x), float(y)), (2 * long, 2 * wide), turn), shade, -1, cv2.LINE_AA
+        )
+    return image
+
+
+def foliage(rng: Generator, width: int, height: int) -> Image:
+    """Return undergrowth seen from afar."""
+    value = 1 + 0.4 * noise(rng, width, height, 30) + 0.4 * noise(rng, width, height, 6)
+    return _image(value[..., None] * np.array((64, 80, 44)))

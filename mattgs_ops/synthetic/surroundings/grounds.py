@@ -1,7 +1,8 @@
 """Grounds that objects are photographed on besides the cluttered desk.
 
 Black cloth and a white sweep under soft lamps; a turntable, where room and light stand still before
-the camera while the object turns; a bare wooden table; a dark room lit by a flash on the camera.
+the camera while the object turns; a bare wooden table; a dark room lit by a flash on the camera;
+the floor of a wood.
 ``lay`` builds one of :data:`GROUNDS` from a generator; lengths are centimetres, z = 0 is the top of
 what the object stands on unless ``top`` says otherwise.
 """
@@ -19,6 +20,7 @@ from mattgs_ops.synthetic.surfaces.mesh import Mesh, box, cylinder, lathe, quad,
 from mattgs_ops.synthetic.surfaces.print import noise
 from mattgs_ops.synthetic.surroundings import clutter, furniture
 from mattgs_ops.synthetic.surroundings.desk import FLOOR, Layout, furnish
+from mattgs_ops.synthetic.surroundings.woods import woods
 from mattgs_ops.synthetic.tracer import room_light
 
 GROUNDS = (
@@ -28,6 +30,7 @@ GROUNDS = (
     "wooden-table",
     "dark-flash",
     "cluttered-desk",
+    "woods",
 )
 COVE, RISE, WALL = 75.0, 45.0, 170.0  # radius of the flat, of the bend, height of the edge
 ROOM = 175.0  # distance of the walls
@@ -75,6 +78,8 @@ def lay(name: str, rng: Generator, layout: Layout | None = None) -> Ground:
         return Ground(_table(rng), room_light(float(rng.uniform(0.85, 1.15)), angle))
     if name == "dark-flash":
         return Ground(_table(rng), flash_light(), flash=True, spread=0.2)
+    if name == "woods":
+        return Ground(woods(rng), soft_light(0.9, 14, angle), spread=0.08)
     stage = Stage()
     r, g, b = (int(v) for v in rng.uniform((110, 80, 60), (215, 190, 160)))
     desk = layout or Layout(CLEAR, REACH, (r, g, b), keep=58)

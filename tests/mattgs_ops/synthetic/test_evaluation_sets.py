@@ -12,10 +12,13 @@ pytest.importorskip("mitsuba", reason="the `captures` extra is not installed")
 from mattgs_ops.errors import InputError
 from mattgs_ops.synthetic import cameras
 from mattgs_ops.synthetic.evaluation_sets import (
+    CHOOSING_SETS,
+    JUDGING_SETS,
     NAMES,
     OBJECTS,
     SETS,
     WALK,
+    EvaluationSet,
     render_sets,
     walk,
 )
@@ -31,9 +34,28 @@ def flash(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def test_there_is_a_set_for_every_object_on_every_ground() -> None:
-    assert len(set(NAMES)) == len(OBJECTS) * len(GROUNDS) == 18
-    assert len({tuple(one.seeds) for one in SETS}) == 18
+def test_every_object_and_every_ground_is_in_some_set_and_no_set_is_there_twice() -> None:
+    assert len(CHOOSING_SETS) == 18
+    assert len(set(NAMES)) == len({tuple(one.seeds) for one in SETS}) == 23
+    assert {one.thing for one in SETS} == set(OBJECTS)
+    assert {one.ground for one in SETS} == set(GROUNDS)
+
+
+def test_nothing_that_judges_shows_an_object_that_was_chosen_by() -> None:
+    chosen_by = {one.thing for one in CHOOSING_SETS}
+    assert not {one.thing for one in JUDGING_SETS} & chosen_by
+
+
+@pytest.mark.parametrize("one", JUDGING_SETS, ids=lambda one: one.name)
+def test_an_object_that_judges_stands_in_the_middle_of_its_photos(
+    one: EvaluationSet, tmp_path: Path
+) -> None:
+    render_sets(tmp_path, [one.name], views=12, **SMALL)  # type: ignore[arg-type]
+    for path in sorted((tmp_path / one.name / "masks").iterdir()):
+        mask = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+        assert mask is not None
+        assert 0.05 < (mask >= 128).mean() < 0.7
+        assert mask[:, 12:20].max() == 255
 
 
 def test_a_walk_goes_around_and_any_quarter_of_it_does_too() -> None:

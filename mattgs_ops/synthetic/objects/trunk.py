@@ -8,7 +8,7 @@ from numpy.random import Generator
 
 from mattgs_ops.synthetic.cameras import Orbit
 from mattgs_ops.synthetic.surfaces.materials import Group, Material, Stage, pose
-from mattgs_ops.synthetic.surfaces.mesh import Array, Mesh, curve, lathe, tube
+from mattgs_ops.synthetic.surfaces.mesh import Array, Mesh, ball, curve, lathe, tube
 from mattgs_ops.synthetic.surfaces.textures import bark
 from mattgs_ops.synthetic.surroundings.desk import Layout
 
@@ -20,7 +20,6 @@ PROFILE = ((22, 0), (17, 3), (14, 10), (12.5, 25), (11.5, 45), (11, 70))  # radi
 ROOTS = 5  # ridges at the foot
 STUBS = 3
 STUB_LENGTH, STUB_RISE, STUB_RADIUS = 12.0, 9.0, 1.0
-TILE = 70.0  # centimetres that the bark's image is high
 IMAGE = 1024
 
 
@@ -36,6 +35,7 @@ def build(stage: Stage, rng: Generator, ground: float) -> None:
         end = start + STUB_LENGTH * out + [0, 0, STUB_RISE]
         path = curve([list(start), list((start + end) / 2 + [0, 0, 1]), list(end)])
         group.add(tube(path, STUB_RADIUS), skin)
+        group.add(ball(STUB_RADIUS).at(*end), skin)
     frame = pose(0, 0, ground)
     group.place(stage, frame, own=True)
     stage.corners.append(body.vertices @ frame[:3, :3].T + frame[:3, 3])
@@ -47,7 +47,21 @@ def _body() -> Mesh:
     points: Array = mesh.vertices.copy()
     around = np.arctan2(points[:, 1], points[:, 0])
     foot = np.clip(1 - points[:, 2] / 10, 0, 1)
-    ridges = 0.06 * np.sin(ROOTS * around + 0.03 * points[:, 2]) + 0.05 * np.sin(11 * around + 1)
-    points[:, :2] *= (1 + ridges + 0.18 * foot * np.sin(ROOTS * around))[:, None]
-    uv = np.stack([around / np.pi % 2, points[:, 2] / TILE], axis=1)
-    return Mesh(points, mesh.normals, uv, mesh.faces)
+    radius, slope = np.ones(len(points)), np.zeros(len(points))
+    for height, count, phase in (
+        (0.06, ROOTS, 0.03 * points[:, 2]),
+        (0.05, 11, 1.0),
+        (0.18 * foot, ROOTS, 0.0),
+    ):
+        radius += height * np.sin(count * around + phase)
+        slope += height * count * np.cos(count * around + phase)
+    points[:, :2] *= radius[:, None]
+    # a radius that grows with the angle tilts the normal against it
+    out = np.stack([np.cos(around), np.sin(around)], axis=1)
+    along = np.stack([-np.sin(around), np.cos(around)], axis=1)
+    normals = mesh.normals.copy()
+    tilt = (normals[:, :2] * out).sum(axis=1) * slope / radius
+    normals[:, :2] -= tilt[:, None] * along
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    mirrored = np.stack([np.abs(2 * mesh.uvs[:, 0] - 1), mesh.uvs[:, 1]], axis=1)  # no seam
+    return Mesh(points, normals, mirrored, mesh.faces)

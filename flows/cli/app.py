@@ -237,6 +237,9 @@ app.add_typer(segment_app, name="segment")
 def train_segmenter(
     folder: Annotated[Path, typer.Argument(help="Folder for weights, curve and ONNX file.")],
     config: Annotated[Path | None, typer.Option(help="Training as a TOML file.")] = None,
+    start_from: Annotated[
+        Path | None, typer.Option(help="Weights (.pth) to go on from.", exists=True, dir_okay=False)
+    ] = None,
     out: Out = DEFAULT_OUT,
 ) -> None:
     """Train U²-Net, with its curve in MLflow, and export it to ONNX.
@@ -249,6 +252,8 @@ def train_segmenter(
     from tasks.train_segmenter import train_segmenter as train
 
     settings = SegmentTrainConfig() if config is None else load_train_config(config)
+    if start_from is not None:
+        settings = settings.model_copy(update={"start_from": start_from})
     embedded.quieten(out)
     with bar("train U²-Net") as progress:
         onnx = train(settings, folder, embedded.tracking_uri(out), out, progress=progress)

@@ -1,0 +1,49 @@
+"""`mattgs segment train`: a training goes on from the weights of another one."""
+
+from pathlib import Path
+
+import pytest
+import torch
+from typer.testing import CliRunner
+
+from flows.cli.app import app
+
+RECIPE = """
+validate_every = 1
+validation_images = 1
+[[stages]]
+size = 32
+batch = 2
+steps = {steps}
+lr = {rate}
+lr_end = {rate}
+"""
+
+
+def trained(folder: Path, steps: int, rate: float, *options: str) -> dict[str, torch.Tensor]:
+    folder.mkdir(parents=True)
+    recipe = folder / "recipe.toml"
+    recipe.write_text(RECIPE.format(steps=steps, rate=rate))
+    command = ["segment", "train", str(folder), "--config", str(recipe), *options]
+    result = CliRunner().invoke(app, [*command, "--out", str(folder / "out")])
+    assert result.exit_code == 0, result.output
+    weights: dict[str, torch.Tensor] = torch.load(folder / "u2netp.pth", weights_only=True)
+    return weights
+
+
+def test_the_second_training_starts_where_the_first_ended(tmp_path: Path) -> None:
+    first = trained(tmp_path / "first", 2, 1e-3)
+    start = ("--start-from", str(tmp_path / "first" / "u2netp.pth"))
+    second = trained(tmp_path / "second", 1, 1e-12, *start)
+    from_nothing = trained(tmp_path / "nothing", 1, 1e-12)
+    name = "outconv.weight"
+    torch.testing.assert_close(second[name], first[name])
+    assert not torch.allclose(from_nothing[name], first[name], atol=1e-4)
+
+
+@pytest.mark.parametrize("name", ["missing.pth", "."])
+def test_weights_that_are_no_file_are_refused(tmp_path: Path, name: str) -> None:
+    command = ["segment", "train", str(tmp_path / "f"), "--start-from", str(tmp_path / name)]
+    result = CliRunner().invoke(app, command)
+    assert result.exit_code == 2
+    assert not (tmp_path / "f").exists()

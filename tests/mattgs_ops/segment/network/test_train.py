@@ -186,7 +186,10 @@ def test_rates_follow_the_legs() -> None:
     assert rates[199] == pytest.approx(1e-5, rel=0.02)
 
 
-@pytest.mark.parametrize("recipe", ["train.toml", "train-long.toml", "train-desks.toml", "train-wide.toml"])
+RECIPES = ("train.toml", "train-long.toml", "train-desks.toml", "train-wide.toml")
+
+
+@pytest.mark.parametrize("recipe", RECIPES)
 def test_shipped_recipes_are_valid_and_end_small(recipe: str) -> None:
     config = load_train_config(BUNDLED_MODEL.with_name(recipe))
     rates = [learning_rate(config.stages, step) for step in (0, config.steps - 1)]

@@ -73,7 +73,7 @@ class Launcher:
             start_new_session=True,  # spared Ctrl-C
         )
         self._input = cast(IO[bytes], self._process.stdin)
-        self._output = cast(IO[bytes], self._process.stdout)
+        self._output = _answers(cast(IO[bytes], self._process.stdout))
         weakref.finalize(self, _close, self._process)
 
     def fresh(self, sources: SourceTimes) -> bool:
@@ -100,6 +100,14 @@ class Launcher:
 
     def _own_code(self) -> int:
         return self._process.wait() or -SIGKILL
+
+
+def _answers(stream: IO[bytes]) -> IO[bytes]:
+    """Read a launcher's answers without a buffer, where ``select`` would not see the second one.
+
+    A stage may end before its start was read: both answers lie in the pipe then.
+    """
+    return open(stream.fileno(), "rb", buffering=0, closefd=False)
 
 
 def _close(process: "subprocess.Popen[bytes]") -> None:

@@ -1,6 +1,7 @@
 """Forked stages: as isolated as fresh processes, and never with code that is no longer there."""
 
 import os
+import select
 import signal
 import threading
 from pathlib import Path
@@ -125,3 +126,13 @@ def test_what_cannot_be_imported_is_told_by_the_stage_itself(job: Any, tmp_path:
     run(job("look", "broken_module"))  # which does not need it
     with pytest.raises(StageError, match="RuntimeError: no such device"):
         run(job("needs_broken", "broken_module"))
+
+
+def test_a_stage_that_ended_before_its_start_was_read_is_still_heard_of() -> None:
+    reading, writing = os.pipe()
+    os.write(writing, b'{"process": 1}\n{"code": 3}\n')
+    with os.fdopen(reading, "rb") as stream, os.fdopen(writing, "wb"):
+        answers = launcher._answers(stream)
+        assert answers.readline() == b'{"process": 1}\n'
+        assert select.select([answers], [], [], 0)[0], "the second answer is in no buffer"
+        assert answers.readline() == b'{"code": 3}\n'

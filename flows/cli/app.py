@@ -260,6 +260,20 @@ def train_segmenter(
     typer.echo(f"Segmenter: {onnx.resolve()}")
 
 
+@segment_app.command("combine")
+def combine_segmenters(
+    onnx: Annotated[Path, typer.Argument(help="The ONNX file to write.")],
+    networks: Annotated[
+        list[Path], typer.Argument(help="Two or more ONNX files.", exists=True, dir_okay=False)
+    ],
+) -> None:
+    """Make one ONNX file of several networks: it gives the mean of their maps."""
+    from mattgs_ops.segment.network.ensemble import combine
+
+    difference = combine(networks, onnx)
+    typer.echo(f"Segmenter: {onnx.resolve()} (within {difference:.1g} of the mean)")
+
+
 def main() -> None:
     """Entry of ``mattgs``: errors a person can act on, without tracebacks."""
     try:

@@ -61,7 +61,7 @@ class SaliencyNetwork:
         for start in range(0, len(inputs), self.batch):
             chunk = inputs[start : start + self.batch]
             padding = [chunk[-1]] * (self.batch - len(chunk)) if self._fixed_batch else []
-            maps.extend(self._run(np.stack([*chunk, *padding]))[: len(chunk)])
+            maps.extend(self.raw_maps(np.stack([*chunk, *padding]))[: len(chunk)])
         return [
             stretched(raw, photo.shape[1], photo.shape[0], name)
             for raw, photo, name in zip(maps, photos, names, strict=True)
@@ -71,7 +71,11 @@ class SaliencyNetwork:
     def _fixed_batch(self) -> bool:
         return isinstance(self._session.get_inputs()[0].shape[0], int)
 
-    def _run(self, inputs: NDArray[np.float32]) -> NDArray[np.float32]:
+    def raw_maps(self, inputs: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Network inputs [N, 3, H, W] to what the file says of them, [N, H, W].
+
+        Raises :class:`StageError` when the model fails, :class:`InputError` for another shape.
+        """
         try:
             (raw,) = self._session.run([self.output], {self.input: inputs})
         except Exception as error:  # ONNX Runtime's own types are not public

@@ -1,4 +1,4 @@
-"""`mattgs segment train`: a training goes on from the weights of another one."""
+"""`mattgs segment`: a training goes on from another's weights, networks become one file."""
 
 from pathlib import Path
 
@@ -7,6 +7,7 @@ import torch
 from typer.testing import CliRunner
 
 from flows.cli.app import app
+from mattgs_ops.segment.network.saliency import BUNDLED_MODEL, SaliencyNetwork
 
 RECIPE = """
 validate_every = 1
@@ -47,3 +48,12 @@ def test_weights_that_are_no_file_are_refused(tmp_path: Path, name: str) -> None
     result = CliRunner().invoke(app, command)
     assert result.exit_code == 2
     assert not (tmp_path / "f").exists()
+
+
+def test_two_networks_become_one_file(tmp_path: Path) -> None:
+    out = tmp_path / "mean.onnx"
+    pair = [str(BUNDLED_MODEL), str(BUNDLED_MODEL.with_name("u2netp-wide.onnx"))]
+    result = CliRunner().invoke(app, ["segment", "combine", str(out), *pair])
+    assert result.exit_code == 0, result.output
+    assert f"Segmenter: {out.resolve()} (within " in result.output
+    assert SaliencyNetwork(out).width == 192

@@ -33,7 +33,7 @@ from mattgs_ops.object_masks import silhouettes, splat_votes
 from mattgs_ops.object_masks.decision import HALF, Decision, decide
 from mattgs_ops.object_masks.ground_plane import Plane
 from mattgs_ops.object_masks.photo_colours import ColourEvidence, ask_colours, by_colours
-from mattgs_ops.object_masks.photo_edges import closer_to_edges, to_photo_edges
+from mattgs_ops.object_masks.photo_edges import surely_larger, to_photo_edges
 from mattgs_ops.object_masks.surfaces import train_surfaces
 from mattgs_ops.progress import Progress, no_progress
 from mattgs_ops.segment.mask_report import MaskReport, ViewReport, border_share, flags_of
@@ -128,7 +128,7 @@ def _better_confirmed(first: Decision, second: Decision, trained: Sequence[bool]
         [one.confirmed or 0.0 for one, use in zip(decision.views, trained, strict=True) if use]
         for decision in (first, second)
     ]
-    return closer_to_edges(*shares)
+    return surely_larger(*shares)
 
 
 def _decision_record(found: _Judged, colours: ColourEvidence | None) -> dict[str, Any]:

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mattgs_ops.capture.masks import SoftMap
-from mattgs_ops.object_masks.photo_edges import edges_near, share_on_edges
+from mattgs_ops.object_masks.photo_edges import edges_near, share_on_edges, surely_larger
 from mattgs_ops.object_masks.silhouettes import Silhouettes, iou
 from mattgs_ops.object_masks.splat_votes import Votes
 
@@ -63,6 +63,7 @@ class ViewEvidence:
 class Decision:
     """Where a capture's masks come from, and the numbers that say why; all shares are 0 to 1.
 
+    ``level`` is the mean vote from which on splats that are object meet the maps best.
     ``confirmed`` is the share of outlines that lies on an edge of the photo, by whose outline it
     is; ``attached`` the area that attached parts add to that of the votes.
     """
@@ -71,6 +72,7 @@ class Decision:
     reason: str
     silhouettes: float
     votes: float | None
+    level: float | None
     confirmed: dict[str, float]
     attached: float
     attached_kept: bool
@@ -106,7 +108,10 @@ def decide(
             for name, one in zip(names, by_outline, strict=True)
         )
         maps = _fused(own, others, own, outline_agreement, 0.0)
-        return Decision("maps", reason, outline_agreement, None, confirmed, 0.0, False, views), maps
+        decision = Decision(
+            "maps", reason, outline_agreement, None, None, confirmed, 0.0, False, views
+        )
+        return decision, maps
     by_votes = overlaps(own, votes.certain)
     votes_agreement = float(np.mean(votes.agreement))
     confirmed["votes"] = _confirmed(votes.certain, edges, deciding)
@@ -114,7 +119,11 @@ def decide(
     attached = max(
         0.0, _area(votes.with_parts, deciding) / max(_area(votes.certain, deciding), 1e-9) - 1
     )
-    joins = attached <= MOST_ATTACHED and confirmed["attached"] >= confirmed["votes"] - UNCONFIRMED
+    joins = (
+        attached <= MOST_ATTACHED
+        and confirmed["attached"] >= confirmed["votes"] - UNCONFIRMED
+        and not _parts_denied(votes, own, edges, deciding)
+    )
     voted = votes.with_parts if joins else votes.certain
     objection = _objection(outline_agreement, votes_agreement, confirmed)
     sources = [
@@ -134,6 +143,7 @@ def decide(
         reason=objection or "votes meet maps and edges at least as well as silhouettes and maps do",
         silhouettes=outline_agreement,
         votes=votes_agreement,
+        level=votes.level,
         confirmed=confirmed,
         attached=attached,
         attached_kept=joins,
@@ -143,6 +153,26 @@ def decide(
         ),
     )
     return found, maps
+
+
+def _parts_denied(
+    votes: Votes, own: Sequence[SoftMap], edges: Sequence[Bits], deciding: Sequence[int]
+) -> bool:
+    """Whether attached parts lead outlines away from photos' edges and masks from photos' maps.
+
+    Maps alone must not deny them: they miss the very parts that join.
+    """
+    mine, near = [own[index] for index in deciding], [edges[index] for index in deciding]
+
+    def witnesses(maps: Sequence[SoftMap]) -> tuple[list[float], list[float]]:
+        asked = [maps[index] for index in deciding]
+        on_edges = [
+            share_on_edges(one >= HALF, edge) for one, edge in zip(asked, near, strict=True)
+        ]
+        return on_edges, overlaps(asked, mine)
+
+    without, joined = witnesses(votes.certain), witnesses(votes.with_parts)
+    return all(surely_larger(*pair) for pair in zip(without, joined, strict=True))
 
 
 def _source(

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mattgs_ops.capture.masks import SoftMap, clean
 from mattgs_ops.object_masks.decision import HALF, overlaps
-from mattgs_ops.object_masks.photo_edges import closer_to_edges, edges_near, share_on_edges
+from mattgs_ops.object_masks.photo_edges import edges_near, share_on_edges, surely_larger
 from mattgs_ops.segment.grabcut import grabcut_seeded
 
 GOOD = 0.99  # share of outlines on edges from which on there is nothing to mend
@@ -56,7 +56,7 @@ def ask_colours(
     mine = [own[index] for index in asked]
     meets = [float(np.mean(overlaps(mine, masks))) for masks in (before, after)]
     return ColourEvidence(
-        used=meets[1] >= meets[0] and closer_to_edges(cut, shares),
+        used=meets[1] >= meets[0] and surely_larger(cut, shares),
         on_edges=(float(np.mean(shares)), float(np.mean(cut))),
         own_maps=(meets[0], meets[1]),
     )

@@ -1,7 +1,7 @@
 """The photo's own edges: outlines are held against them, and moved to them.
 
 No object ends in the middle of even cloth: how much of an outline lies on edges of the photo says
-how far to believe it (``share_on_edges``, ``closer_to_edges``).
+how far to believe it (``share_on_edges``, ``surely_larger``).
 
 ``to_photo_edges`` moves outlines at the photo's resolution. Masks by votes are rendered from
 splats, smaller than the photo. The guided filter (He, Sun & Tang 2010) fits, in a window around
@@ -52,8 +52,8 @@ def share_on_edges(mask: Bits, edges: Bits) -> float:
     return float(edges[outline].mean()) if outline.any() else 0.0
 
 
-def closer_to_edges(first: Sequence[float], second: Sequence[float]) -> bool:
-    """Whether the first outlines of V views lie on edges more than the second, by their shares.
+def surely_larger(first: Sequence[float], second: Sequence[float]) -> bool:
+    """Whether the first numbers of V views are larger than the second: shares on edges, or IoU.
 
     A paired t-test over the views; by chance it says so once in forty times, and never where there
     is nothing to choose.

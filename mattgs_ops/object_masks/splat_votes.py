@@ -1,22 +1,19 @@
 """Votes of all views on each splat, and the masks that follow from them.
 
-The splats of a short training are surfaces that all photos share. A view's vote on a splat is the
-mean saliency of the pixels that the splat colours: Σ blending weight × map / Σ blending weight,
-from the rasteriser. The mean votes, rendered from each camera, are maps on which the views agree. A
+The splats of a short training are surfaces that all photos share, and views vote on each
+(``splat_labels``). The mean votes, rendered from each camera, are maps on which the views agree. A
 second round votes with these maps, stretched between two bounds: it carries the opinion of most
 views to parts where few maps are certain. Splats on or under the plane that the object stands on
 (``ground_plane``) are not object; splats attached to certain object splats may be
-(``attached_parts``), whatever the maps say. Splats far in front of the object are left out, so that
-a floater before a camera hides nothing.
+(``attached_parts``), whatever the maps say.
 
 On textureless ground splats fill empty space, and their votes mean nothing: ``decision`` chooses
 where votes are used.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -27,37 +24,27 @@ from mattgs_ops.capture.masks import SoftMap
 from mattgs_ops.object_masks import ground_plane
 from mattgs_ops.object_masks.attached_parts import attached
 from mattgs_ops.object_masks.silhouettes import around_half, iou
+from mattgs_ops.object_masks.splat_labels import (
+    UNSEEN,
+    Floats,
+    Place,
+    Tally,
+    render_labels,
+    shrunk,
+    tally,
+)
 from mattgs_ops.splat.gaussians import Splats
-from mattgs_ops.splat.rasterize import backward, render
-from mattgs_ops.splat.training.initialise import SH_C0
 
-# Votes of the first round below FIRST_NO become 0 in the second, above FIRST_YES 1, linear between.
-# Single maps miss more of an object than they invent, so little agreement is enough.
-FIRST_NO, FIRST_YES = 0.125, 0.375
 CERTAIN = 0.5  # mean vote from which on a splat is object
+LEVELS = (0.125, 0.25, 0.375, 0.5)  # mean votes from which on a splat may be object
+# Mean votes of the first round are stretched for the second: to 0 at UNSURE below a middle, to 1 at
+# UNSURE above. Single maps miss more of an object than they invent, so little agreement is enough.
+MIDDLE, UNSURE = 0.25, 0.125
 SHARE = 0.5  # of a pixel's colour that must come from the object's splats
 REACH = 0.9  # share of the certain splats within the object's radius
 BESIDE = 1.2  # radii: ground goes on beyond the object; a base plate, which it stands on, does not
-FRONT = 2.0  # radii before the object's middle, beyond which a splat is no part of it
 CONTACT = 0.04  # of the radius: height above the plane below which a splat is ground, or a foot
 SOLID = 0.3  # opacity from which on a splat is a surface
-BLACK = (0.0, 0.0, 0.0)
-INVISIBLE = -30.0  # opacity before the sigmoid: 1e-13, far below what a pixel of 8 bits shows
-UNSEEN = 1e-6  # blending weight, pixels: no view sees such a splat
-UNSEEN_BY_OTHERS = 1e-3  # the same where one view's weight is taken off, and rounding is left
-LEVELS = (0.125, 0.25, 0.375, 0.5)  # mean votes from which on a splat may be object
-
-
-Floats = NDArray[np.float32]
-
-
-@dataclass(frozen=True)
-class Place:
-    """Where the object is: middle [3] and radius in world units, and the ground, if any."""
-
-    middle: NDArray[np.float64]
-    radius: float
-    ground: ground_plane.Plane | None
 
 
 @dataclass(frozen=True)
@@ -66,32 +53,18 @@ class Votes:
 
     ``predicted`` are the maps from the votes of the other views, at least 0.5 on the object;
     ``soft_agreement`` is their IoU with the own map of each view that voted, ``agreement`` the same
-    with splats that are either object or not. ``certain`` and ``with_parts`` are the maps by all
-    votes, without and with attached parts; ``place`` is where the object is.
+    with splats that are either object or not, from the mean vote ``level`` on. ``certain`` and
+    ``with_parts`` are the maps by all votes, without and with attached parts; ``place`` is where
+    the object is.
     """
 
     predicted: list[SoftMap]
     agreement: list[float]
     soft_agreement: list[float]
+    level: float
     certain: list[SoftMap]
     with_parts: list[SoftMap]
     place: Place
-
-
-@dataclass(frozen=True)
-class Tally:
-    """Blending weights [V, N], and weights times map [V, N], of splats in views."""
-
-    weight: Floats
-    weighted_map: Floats
-
-    def labels(self, without: int | None = None) -> Floats:
-        """Return each splat's mean vote [N], 0 where no view sees it; ``without`` one view."""
-        weight, total = self.weight.sum(axis=0), self.weighted_map.sum(axis=0)
-        if without is not None:
-            weight, total = weight - self.weight[without], total - self.weighted_map[without]
-        found: Floats = np.where(weight > UNSEEN_BY_OTHERS, total / weight.clip(min=UNSEEN), 0)
-        return found.astype(np.float32)
 
 
 def collect(
@@ -123,10 +96,13 @@ def collect(
     place = locate(splats, answers.labels(), weights, around)
     if place is None:
         return None
+    predicted, firm, soft, level = _by_others(
+        splats, voting, maps, can_vote, answers, place, threads
+    )
     direct = answers.labels()
     labels = without_ground(splats, direct, place) if cut_ground else direct
     first = [
-        stretched(render_labels(splats, [labels], camera, place, threads=threads)[0])
+        stretched(render_labels(splats, [labels], camera, place, threads=threads)[0], level)
         for camera in around
     ]
     again = tally(splats, around, first, threads=threads).labels()
@@ -138,9 +114,8 @@ def collect(
     by_all = [
         render_labels(splats, [certain, joined], camera, place, threads=threads) for camera in shown
     ]
-    predicted, firm, soft = _by_others(splats, voting, maps, can_vote, answers, place, threads)
     of_certain, of_joined = ([maps[k] for maps in by_all] for k in range(2))
-    return Votes(predicted, firm, soft, of_certain, of_joined, place)
+    return Votes(predicted, firm, soft, level, of_certain, of_joined, place)
 
 
 def _by_others(
@@ -151,7 +126,7 @@ def _by_others(
     answers: Tally,
     place: Place,
     threads: int,
-) -> tuple[list[SoftMap], list[float], list[float]]:
+) -> tuple[list[SoftMap], list[float], list[float], float]:
     """Predict every view from the other views' votes; see :class:`Votes` for what is returned.
 
     The bound from which on a splat is object is the one of :data:`LEVELS` that agrees best with the
@@ -159,7 +134,7 @@ def _by_others(
     """
     own, labels, soft, voter = [], [], [], 0
     for camera, mine, votes in zip(cameras, maps, can_vote, strict=True):
-        own.append(_shrunk(mine, camera) >= CERTAIN)
+        own.append(shrunk(mine, camera) >= CERTAIN)
         labels.append(answers.labels(voter if votes else None))
         soft += render_labels(splats, labels[-1:], camera, place, threads=threads)
         voter += votes
@@ -171,30 +146,7 @@ def _by_others(
         either = (labels[k] >= best).astype(np.float32)
         shown = render_labels(splats, [either], cameras[k], place, threads=threads)[0]
         firm.append(iou(shown >= SHARE, own[k]))
-    return [around_half(one, best) for one in soft], firm, agreement[best]
-
-
-def tally(
-    splats: Splats, cameras: Sequence[Camera], maps: Sequence[SoftMap], *, threads: int = 1
-) -> Tally:
-    """Return the votes of V views on N splats: the saliency of the pixels that each splat colours.
-
-    ``maps`` are [H, W] in [0, 1] of any size; they are shrunk to the cameras' sizes.
-    """
-    weights, totals = [], []
-    for camera, soft in zip(cameras, maps, strict=True):
-        small = torch.from_numpy(_shrunk(soft, camera))
-        shown = render(splats, camera, BLACK, sh_degree=0, threads=threads)
-        seen = backward(shown, torch.zeros_like(shown.image), pixel_map=small).observed
-        weights.append(seen.weight.numpy().copy())
-        totals.append(seen.weighted_map.numpy().copy())
-    return Tally(np.stack(weights), np.stack(totals))
-
-
-def _shrunk(soft: SoftMap, camera: Camera) -> SoftMap:
-    size = camera.intrinsics.width, camera.intrinsics.height
-    small: SoftMap = cv2.resize(soft, size, interpolation=cv2.INTER_AREA).astype(np.float32)
-    return small
+    return [around_half(one, best) for one in soft], firm, agreement[best], best
 
 
 def locate(
@@ -269,30 +221,13 @@ def solid(splats: Splats, weights: Floats) -> NDArray[np.bool_]:
     return opaque & (weights > UNSEEN)
 
 
-def stretched(soft: SoftMap) -> SoftMap:
-    """Stretch a map of mean votes [H, W] to 0 and 1 at the two bounds."""
-    wide: SoftMap = (soft - np.float32(FIRST_NO)) / np.float32(FIRST_YES - FIRST_NO)
-    return wide.clip(0, 1)
+def stretched(soft: SoftMap, level: float) -> SoftMap:
+    """Stretch a map of mean votes [H, W] to 0 and 1 around the vote that counts as a half.
 
-
-def render_labels(
-    splats: Splats, labels: Sequence[Floats], camera: Camera, place: Place, *, threads: int = 1
-) -> list[SoftMap]:
-    """Render up to three labels [N] of each splat as a camera sees them, black where nothing is.
-
-    Each becomes a map [H, W] in [0, 1]; they are the channels of one rendering.
+    ``level`` is the mean vote from which on splats meet the maps best. At a half the maps invent as
+    much as they miss, in the same places, such as the plate of a turntable: half of the votes are
+    needed then. Below it less is enough.
     """
-    depths = camera.depths(splats.means.numpy().astype(np.float64))
-    near = camera.depths(place.middle[None])[0] - FRONT * place.radius
-    behind = torch.from_numpy(depths > near)
-    grey = torch.zeros(len(splats), 3)
-    for channel, label in enumerate(labels):
-        grey[:, channel] = torch.from_numpy(label)
-    painted = replace(
-        splats,
-        sh_dc=(grey - 0.5) / SH_C0,
-        opacity_logits=torch.where(behind, splats.opacity_logits, INVISIBLE),
-    )
-    shown = render(painted, camera, BLACK, sh_degree=0, threads=threads, differentiable=False)
-    channels = shown.image.clamp(0, 1).permute(2, 0, 1).contiguous()
-    return list(channels.numpy()[: len(labels)])
+    middle = CERTAIN if level >= CERTAIN else MIDDLE
+    wide: SoftMap = (soft - np.float32(middle - UNSURE)) / np.float32(2 * UNSURE)
+    return wide.clip(0, 1)

@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 
 from mattgs_ops.capture.masks import SoftMap
-from mattgs_ops.object_masks.decision import Decision, decide
+from mattgs_ops.object_masks.decision import MOST_ATTACHED, UNCONFIRMED, Decision, decide
 from mattgs_ops.object_masks.silhouettes import Silhouettes, iou, predict
-from mattgs_ops.object_masks.splat_votes import Place, Votes
+from mattgs_ops.object_masks.splat_labels import Place
+from mattgs_ops.object_masks.splat_votes import Votes
 from tests.mattgs_ops.object_masks.ball import CENTRE, HEIGHT, RADIUS, VIEWS, WIDTH, orbit, truth
 
 CAMERAS = orbit()
@@ -29,7 +30,7 @@ def grown(soft: SoftMap, pixels: int) -> SoftMap:
 def votes(own: list[SoftMap], sure: list[SoftMap], whole: list[SoftMap] | None = None) -> Votes:
     """Make votes whose prediction of each view is what they all say."""
     met = [iou(a >= 0.5, b >= 0.5) for a, b in zip(own, sure, strict=True)]
-    return Votes(sure, met, met, sure, whole or sure, PLACE)
+    return Votes(sure, met, met, 0.25, sure, whole or sure, PLACE)
 
 
 def judged(own: list[SoftMap], sure: list[SoftMap]) -> tuple[Decision, list[SoftMap]]:
@@ -82,6 +83,24 @@ def test_attached_parts_join_where_they_are_few(pixels: int, kept: bool) -> None
     assert found.masks == "votes"
     assert found.attached_kept is kept
     assert np.array_equal(maps[0], whole[0] if kept else TRUTHS[0])
+
+
+@pytest.mark.parametrize("shown", [False, True])
+def test_parts_that_photos_and_maps_both_deny_do_not_join(shown: bool) -> None:
+    """A part beside the ball that no map claims; photos show an edge around it, or even cloth."""
+    whole = [t.copy() for t in TRUTHS]
+    for index, (soft, camera) in enumerate(zip(whole, CAMERAS, strict=True)):
+        column, row = camera.project(CENTRE[None])[0][0].astype(int)
+        # as wide as the ball's radius, a little higher in some views than in others
+        soft[row - 5 : row + 4 + index % 3, column : column + 24] = 1
+    drawn = whole if shown else TRUTHS
+    pictures = [np.repeat((m * 220).astype(np.uint8)[..., None], 3, axis=2) for m in drawn]
+    low = Silhouettes([soft * 0 for soft in TRUTHS], [0.0] * VIEWS, 1.0)
+    found, maps = decide(NAMES, pictures, TRUTHS, low, votes(TRUTHS, TRUTHS, whole))
+    assert found.confirmed["attached"] > found.confirmed["votes"] - UNCONFIRMED
+    assert found.attached < MOST_ATTACHED
+    assert found.attached_kept is shown
+    assert np.array_equal(maps[0], whole[0] if shown else TRUTHS[0])
 
 
 def test_one_view_whose_voted_outline_its_photo_denies_keeps_its_map() -> None:

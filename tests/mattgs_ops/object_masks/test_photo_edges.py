@@ -4,9 +4,9 @@ import cv2
 import numpy as np
 
 from mattgs_ops.object_masks.photo_edges import (
-    closer_to_edges,
     edges_near,
     share_on_edges,
+    surely_larger,
     to_photo_edges,
 )
 from mattgs_ops.object_masks.silhouettes import iou
@@ -69,8 +69,8 @@ def test_an_outline_lies_on_edges_where_the_photo_has_some() -> None:
 def test_one_view_in_doubt_does_not_decide_for_all() -> None:
     shares = [0.90, 0.92, 0.91, 0.89, 0.93]
     higher = [share + 0.05 + 0.001 * k for k, share in enumerate(shares)]
-    assert closer_to_edges(higher, shares)
-    assert not closer_to_edges(shares, higher)
-    assert not closer_to_edges([0.99, *shares[1:]], shares)
-    assert not closer_to_edges(shares, shares)
-    assert not closer_to_edges([0.9], [0.1])
+    assert surely_larger(higher, shares)
+    assert not surely_larger(shares, higher)
+    assert not surely_larger([0.99, *shares[1:]], shares)
+    assert not surely_larger(shares, shares)
+    assert not surely_larger([0.9], [0.1])

@@ -248,5 +248,5 @@ def test_the_bundled_model_finds_a_thing_on_a_desk() -> None:
         image, mask = source.sample(index)
         (soft,) = network.soft_maps([image], ["a"])
         scores.append(quality(np.where(soft > 0.5, 255, 0).astype(np.uint8), mask).iou)
-    assert BUNDLED_MODEL.stat().st_size < 6e6
+    assert BUNDLED_MODEL.stat().st_size < 8e6
     assert np.median(scores) > 0.5

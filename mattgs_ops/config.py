@@ -47,7 +47,7 @@ class SegmentConfig(Frozen):
         description="auto: masks that come with the capture's photos as alpha or by the "
         "user's --masks are used, bundled captures and plain photos are segmented by U²-Net",
     )
-    model: Path | None = Field(None, description="an ONNX file; none means the bundled pair of U²-NetP")
+    model: Path | None = Field(None, description="an ONNX file; none means the bundled one")
     threshold: float = Field(0.5, gt=0, lt=1)
     refine: Literal["none", "grabcut", "votes"] = Field(
         "votes",

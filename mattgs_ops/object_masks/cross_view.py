@@ -80,17 +80,27 @@ def agree(
     photos = [_photo(view, camera) for view, camera in zip(views, shown, strict=True)]
     names, own = [view.name for view in views], _shrunk(maps, shown)
 
-    def judged(*, cut_ground: bool) -> _Judged:
+    def judged(*, cut_ground: bool = True, half_needed: bool = False) -> _Judged:
         votes = splat_votes.collect(
-            splats, voting, shown, maps, trained=trained, cut_ground=cut_ground, threads=threads
+            splats,
+            voting,
+            shown,
+            maps,
+            trained=trained,
+            cut_ground=cut_ground,
+            half_needed=half_needed,
+            threads=threads,
         )
         decision, agreed = decide(names, photos, own, outlines, votes, trained)
         ground = None if votes is None else votes.place.ground
-        return _Judged(decision, agreed, ground, cut_ground and ground is not None)
+        return _Judged(decision, agreed, ground, cut_ground and ground is not None, half_needed)
 
-    found = judged(cut_ground=True)
+    found = judged()
+    if found.maps_invent:
+        strict = judged(half_needed=True)
+        found = strict if _better_witnessed(strict.decision, found.decision, trained) else found
     if found.cut_in_doubt:
-        without = judged(cut_ground=False)
+        without = judged(cut_ground=False, half_needed=found.half_needed)
         found = without if _better_confirmed(without.decision, found.decision, trained) else found
     colours = ask_colours(photos, own, found.maps, trained)
     soft = found.maps
@@ -102,12 +112,23 @@ def agree(
 
 @dataclass(frozen=True)
 class _Judged:
-    """A decision with the maps that follow, one a view; whether the ground was cut away."""
+    """A decision with the maps that follow, one a view, and how the votes were asked for."""
 
     decision: Decision
     maps: list[SoftMap]
     ground: Plane | None
     ground_cut: bool
+    half_needed: bool
+
+    @property
+    def maps_invent(self) -> bool:
+        """Whether splats meet the maps best from half of the votes on.
+
+        Then maps may invent as much as they miss, such as the plate of a turntable in some photos;
+        or they are right.
+        """
+        level = self.decision.level
+        return level is not None and level >= splat_votes.CERTAIN
 
     @property
     def cut_in_doubt(self) -> bool:
@@ -131,11 +152,29 @@ def _better_confirmed(first: Decision, second: Decision, trained: Sequence[bool]
     return surely_larger(*shares)
 
 
+def _better_witnessed(first: Decision, second: Decision, trained: Sequence[bool]) -> bool:
+    """Whether the first votes meet the photos' maps and edges together more, view by view."""
+    products = [
+        [
+            (one.with_parts or 0.0) * (one.confirmed or 0.0)
+            for one, use in zip(decision.views, trained, strict=True)
+            if use
+        ]
+        for decision in (first, second)
+    ]
+    return surely_larger(*products)
+
+
 def _decision_record(found: _Judged, colours: ColourEvidence | None) -> dict[str, Any]:
     """Return the decision as JSON values, rounded."""
     share = None if found.ground is None else found.ground.share
     asked = None if colours is None else asdict(colours)
-    summary = {"ground_share": share, "ground_cut": found.ground_cut, "colours": asked}
+    summary = {
+        "ground_share": share,
+        "ground_cut": found.ground_cut,
+        "half_needed": found.half_needed,
+        "colours": asked,
+    }
     record: dict[str, Any] = _rounded(asdict(found.decision) | summary)
     return record
 

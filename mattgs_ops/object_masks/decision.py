@@ -49,12 +49,14 @@ Bits = NDArray[np.bool_]
 class ViewEvidence:
     """One view: IoU of its own map with silhouettes and votes, and the source of its mask.
 
-    ``confirmed`` is the share of the voted outline that lies on an edge of the photo.
+    ``with_parts`` is the IoU with the votes and the attached parts that were kept, ``confirmed``
+    the share of that outline that lies on an edge of the photo.
     """
 
     name: str
     silhouettes: float
     votes: float | None
+    with_parts: float | None
     confirmed: float | None
     masks: Source
 
@@ -104,7 +106,7 @@ def decide(
     if votes is None:
         reason = "no splat is salient to the views"
         views = tuple(
-            ViewEvidence(name, one, None, None, "maps")
+            ViewEvidence(name, one, None, None, None, "maps")
             for name, one in zip(names, by_outline, strict=True)
         )
         maps = _fused(own, others, own, outline_agreement, 0.0)
@@ -149,7 +151,9 @@ def decide(
         attached_kept=joins,
         views=tuple(
             ViewEvidence(*one)
-            for one in zip(names, by_outline, by_votes, on_edges, sources, strict=True)
+            for one in zip(
+                names, by_outline, by_votes, overlaps(own, voted), on_edges, sources, strict=True
+            )
         ),
     )
     return found, maps

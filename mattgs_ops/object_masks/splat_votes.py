@@ -38,8 +38,8 @@ from mattgs_ops.splat.gaussians import Splats
 CERTAIN = 0.5  # mean vote from which on a splat is object
 LEVELS = (0.125, 0.25, 0.375, 0.5)  # mean votes from which on a splat may be object
 # Mean votes of the first round are stretched for the second: to 0 at UNSURE below a middle, to 1 at
-# UNSURE above. Single maps miss more of an object than they invent, so little agreement is enough.
-MIDDLE, UNSURE = 0.25, 0.125
+# UNSURE above. Single maps miss more of an object than they invent, so a quarter is enough.
+QUARTER, UNSURE = 0.25, 0.125
 SHARE = 0.5  # of a pixel's colour that must come from the object's splats
 REACH = 0.9  # share of the certain splats within the object's radius
 BESIDE = 1.2  # radii: ground goes on beyond the object; a base plate, which it stands on, does not
@@ -75,6 +75,7 @@ def collect(
     *,
     trained: Sequence[bool] | None = None,
     cut_ground: bool = True,
+    half_needed: bool = False,
     threads: int = 1,
 ) -> Votes | None:
     """Let the views vote; None where no splat is salient to them.
@@ -82,7 +83,8 @@ def collect(
     ``voting`` are the views' cameras at the size for voting, ``shown`` at the size of the masks.
     ``maps`` [H, W] in [0, 1], of any size; views whose map shows nothing, and those that are not
     ``trained`` on (None: all are), do not vote and get the others' masks. Without ``cut_ground``
-    what lies on the ground is object where the votes say so.
+    what lies on the ground is object where the votes say so. With ``half_needed`` the second round
+    asks for half of the first one's votes instead of a quarter.
     """
     trained = trained or [True] * len(maps)
     can_vote = [bool((m >= CERTAIN).any()) and use for m, use in zip(maps, trained, strict=True)]
@@ -101,8 +103,9 @@ def collect(
     )
     direct = answers.labels()
     labels = without_ground(splats, direct, place) if cut_ground else direct
+    middle = CERTAIN if half_needed else QUARTER
     first = [
-        stretched(render_labels(splats, [labels], camera, place, threads=threads)[0], level)
+        stretched(render_labels(splats, [labels], camera, place, threads=threads)[0], middle)
         for camera in around
     ]
     again = tally(splats, around, first, threads=threads).labels()
@@ -221,13 +224,7 @@ def solid(splats: Splats, weights: Floats) -> NDArray[np.bool_]:
     return opaque & (weights > UNSEEN)
 
 
-def stretched(soft: SoftMap, level: float) -> SoftMap:
-    """Stretch a map of mean votes [H, W] to 0 and 1 around the vote that counts as a half.
-
-    ``level`` is the mean vote from which on splats meet the maps best. At a half the maps invent as
-    much as they miss, in the same places, such as the plate of a turntable: half of the votes are
-    needed then. Below it less is enough.
-    """
-    middle = CERTAIN if level >= CERTAIN else MIDDLE
+def stretched(soft: SoftMap, middle: float) -> SoftMap:
+    """Stretch a map of mean votes [H, W] to 0 and 1 around the mean vote that becomes a half."""
     wide: SoftMap = (soft - np.float32(middle - UNSURE)) / np.float32(2 * UNSURE)
     return wide.clip(0, 1)

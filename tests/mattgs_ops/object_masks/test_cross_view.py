@@ -142,3 +142,37 @@ def test_the_ground_is_cut_unless_that_goes_through_a_plate_of_the_object(
         if view.mask is not None
     ]
     assert np.mean(scores) > 0.85, scores
+
+
+@pytest.mark.parametrize("invented", [True, False])
+def test_half_of_the_votes_is_asked_for_where_maps_and_edges_say_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, invented: bool
+) -> None:
+    """A ball on rolling grey ground, a disc of which four of ten maps take along; or right maps."""
+    means = scene_of_splats().means.numpy()
+    ground = np.arange(len(means)) >= BALL
+    if invented:
+        means[ground, 2] += 0.2 * np.sin(4 * means[ground, 0]) * np.sin(4 * means[ground, 1])
+    disc = ground & (np.linalg.norm(means[:, :2], axis=1) < 0.9)
+    splats = made_of(means, np.full(len(means), 0.02))
+    colours = np.where(~ground[:, None], [0.8, 0.1, 0.1], [0.5, 0.5, 0.5])
+    photos = [
+        np.rint(photo.clip(0, 1) * 255).astype(np.uint8) for photo in painted(colours, splats)
+    ]
+    truths = [shown[..., 0].clip(0, 1) for shown in painted(~ground[:, None].repeat(3, 1), splats)]
+    both = painted((~ground | disc)[:, None].repeat(3, 1), splats)
+    maps = [
+        shown[..., 0].clip(0, 1) if invented and index % 5 in (0, 2) else truth
+        for index, (shown, truth) in enumerate(zip(both, truths, strict=True))
+    ]
+    scene, capture = solved(tmp_path / "in", "u2net", maps, photos)
+    monkeypatch.setattr(cross_view, "train_surfaces", lambda *_args, **_settings: splats)
+    found = agree(scene, capture, tmp_path / "out")
+    assert found.extra["agreement"]["level"] == 0.5
+    assert found.extra["agreement"]["half_needed"] is invented
+    scores = [
+        iou(read_mask(view.mask) > 0, shown >= 0.5)
+        for view, shown in zip(found.views, truths, strict=True)
+        if view.mask is not None
+    ]
+    assert np.mean(scores) > 0.85, scores

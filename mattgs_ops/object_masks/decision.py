@@ -16,7 +16,8 @@ by their agreement.
 
 Parts attached to the object (``attached_parts``) join where they are few and where the photos
 confirm their outlines. Both decisions are for the capture. A single view keeps the averaged mask if
-its photo does not confirm the voted outline and silhouettes agree better with its map.
+its photo does not confirm the voted outline and silhouettes agree better with its map. So does a
+held-out view which the splats, that have never been fitted to it, show worse than all others.
 """
 
 from collections.abc import Sequence
@@ -40,6 +41,7 @@ MOST_ATTACHED = 0.5  # of the certain area: what adds more is no correction
 NO_COUNTS = 2.0  # times a yes, of silhouettes
 COARSE = 2 / 128  # of the longest side: two pixels of those that silhouettes are compared at
 BEST = 0.99  # agreement above it counts as this much: weights stay finite
+LEAST = 0.01  # agreement below it counts as this much: ratios stay finite
 
 Source = Literal["votes", "maps"]
 Bits = NDArray[np.bool_]
@@ -128,9 +130,11 @@ def decide(
     )
     voted = votes.with_parts if joins else votes.certain
     objection = _objection(outline_agreement, votes_agreement, confirmed)
+    with_parts = overlaps(own, voted)
+    strange = _unlike_trained(with_parts, by_outline, deciding)
     sources = [
         _source(objection, *view)
-        for view in zip(own, voted, edges, by_outline, by_votes, strict=True)
+        for view in zip(own, voted, edges, by_outline, by_votes, strange, strict=True)
     ]
     on_edges = [share_on_edges(v >= HALF, edge) for v, edge in zip(voted, edges, strict=True)]
     predicted = [
@@ -151,9 +155,7 @@ def decide(
         attached_kept=joins,
         views=tuple(
             ViewEvidence(*one)
-            for one in zip(
-                names, by_outline, by_votes, overlaps(own, voted), on_edges, sources, strict=True
-            )
+            for one in zip(names, by_outline, by_votes, with_parts, on_edges, sources, strict=True)
         ),
     )
     return found, maps
@@ -179,14 +181,36 @@ def _parts_denied(
     return all(surely_larger(*pair) for pair in zip(without, joined, strict=True))
 
 
+def _unlike_trained(
+    by_votes: Sequence[float], by_outline: Sequence[float], deciding: Sequence[int]
+) -> list[bool]:
+    """Return which held-out views the splats show worse than any view that they were trained on.
+
+    There votes meet the own map less than silhouettes do, by a factor that no training view has.
+    """
+    ratios = [
+        votes / max(outline, LEAST) for votes, outline in zip(by_votes, by_outline, strict=True)
+    ]
+    lowest = min((ratios[index] for index in deciding), default=0.0)
+    trained = set(deciding)
+    return [index not in trained and ratio < min(lowest, 1.0) for index, ratio in enumerate(ratios)]
+
+
 def _source(
-    objection: str, own: SoftMap, voted: SoftMap, edges: Bits, by_outline: float, by_votes: float
+    objection: str,
+    own: SoftMap,
+    voted: SoftMap,
+    edges: Bits,
+    by_outline: float,
+    by_votes: float,
+    strange: bool,
 ) -> Source:
     """Return one view's source: votes, unless the capture's or the view's evidence is against."""
     unconfirmed = (
         share_on_edges(voted >= HALF, edges) < share_on_edges(own >= HALF, edges) - UNCONFIRMED
     )
-    return "maps" if objection or (unconfirmed and by_votes < by_outline) else "votes"
+    denied = strange or (unconfirmed and by_votes < by_outline)
+    return "maps" if objection or denied else "votes"
 
 
 def overlaps(first: Sequence[SoftMap], second: Sequence[SoftMap]) -> list[float]:

@@ -114,6 +114,22 @@ def test_one_view_whose_voted_outline_its_photo_denies_keeps_its_map() -> None:
     assert not np.array_equal(maps[5], sure[5])
 
 
+@pytest.mark.parametrize("trained", [True, False])
+def test_a_held_out_view_that_splats_show_worse_than_all_others_keeps_its_map(
+    trained: bool,
+) -> None:
+    """Floaters hide half of the ball from one camera; the photo has edges everywhere."""
+    sure = [grown(t, 1) for t in TRUTHS]
+    sure[5] = TRUTHS[5] * (np.arange(WIDTH) < WIDTH // 2)
+    speckled = np.random.default_rng(0).integers(0, 255, (HEIGHT, WIDTH, 3), np.uint8)
+    met = Silhouettes(TRUTHS, [0.8] * VIEWS, 1.0)
+    use = [index != 5 or trained for index in range(VIEWS)]
+    found, maps = decide(NAMES, [speckled] * VIEWS, TRUTHS, met, votes(TRUTHS, sure), use)
+    assert found.masks == "votes"
+    assert [view.name for view in found.views if view.masks == "maps"] == ([] if trained else ["5"])
+    assert (iou(maps[5] >= 0.5, TRUTHS[5] >= 0.5) > 0.9) is not trained
+
+
 def test_leaks_are_taken_out_where_the_other_silhouettes_deny_them() -> None:
     own = [t.copy() for t in TRUTHS]
     own[2][4:24, 4:24] = 1

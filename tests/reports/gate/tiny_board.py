@@ -60,7 +60,8 @@ OURS = MethodConfig(weighting="paper", prune="pixel", prune_initial=True, prune_
 SPEED = ("fps", "calibration", "fps_calibrated", "fps_noise")
 
 
-SLEEP = 0.5  # of the time that a rendering takes
+# Of the time that a rendering takes, added to it: four times as slow is named beside any neighbour.
+SLEEP = 3.0
 
 
 def part_of_the_board(folder: Path) -> Path:

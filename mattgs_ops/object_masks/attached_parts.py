@@ -73,19 +73,39 @@ def attached(
     ``certain``: the votes say so; ``solid``: opaque enough, and seen; ``raised``: above the ground;
     ``distances`` from the object's middle, in its radii.
     """
+    return _found(splats, certain, solid, raised & (distances < FAR), distances, parts_join=True)
+
+
+def without_stranded(splats: Splats, certain: Flags, solid: Flags, distances: Floats) -> Flags:
+    """Return the certain splats [N] but for pieces that are other things; nothing joins.
+
+    For an object whose ground is not cut away: on it parts would join without end.
+    """
+    return _found(splats, certain, solid, distances < FAR, distances, parts_join=False)
+
+
+def _found(
+    splats: Splats,
+    certain: Flags,
+    solid: Flags,
+    allowed: Flags,
+    distances: Floats,
+    *,
+    parts_join: bool,
+) -> Flags:
     index = np.flatnonzero(solid & (distances < FAR + RIM))
-    allowed = raised & (distances < FAR)
     if not (certain & allowed)[index].any():
         return certain & allowed
     means = splats.means.numpy().astype(np.float64)
     touches = touching(means[index], spreads(splats)[index])
     chosen = grown(touches, (certain & allowed)[index], allowed[index], distances[index])
+    joined = chosen.joined if parts_join else np.zeros_like(chosen.joined)
     belongs = np.zeros(len(means), dtype=np.bool_)
-    belongs[index] = chosen.core | chosen.joined
+    belongs[index] = chosen.core | joined
     faint = np.setdiff1d(np.flatnonzero(allowed), index)
     nearest = cKDTree(means[index]).query(means[faint])[1]
     dropped = (certain & allowed)[index] & ~chosen.core
-    belongs[faint] = chosen.joined[nearest] | (certain[faint] & ~dropped[nearest])
+    belongs[faint] = joined[nearest] | (certain[faint] & ~dropped[nearest])
     return belongs
 
 

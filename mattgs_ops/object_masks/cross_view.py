@@ -30,7 +30,7 @@ from mattgs_ops.capture.masks import Mask, SoftMap, clean, mask_name, quality, t
 from mattgs_ops.capture.scene import PreparedCapture, Scene, View
 from mattgs_ops.errors import StageError
 from mattgs_ops.object_masks import silhouettes, splat_votes
-from mattgs_ops.object_masks.decision import HALF, Decision, decide
+from mattgs_ops.object_masks.decision import Decision, decide
 from mattgs_ops.object_masks.ground_plane import Plane
 from mattgs_ops.object_masks.photo_colours import ColourEvidence, ask_colours, by_colours
 from mattgs_ops.object_masks.photo_edges import surely_larger, to_photo_edges
@@ -44,7 +44,6 @@ from mattgs_ops.splat.photos import camera_at
 # each labelled by the true masks they reach an IoU of 0.92 on the bundled hexapod.
 ITERATIONS, RESOLUTION = 1000, 400
 VOTING = 256  # pixels, of the views that splats ask: the photos' maps are coarse
-UNUSUAL = 0.5  # IoU of delivered and own mask below which they share less than they differ
 
 
 def agree(
@@ -79,6 +78,7 @@ def agree(
     voting = [camera_at(view, VOTING) for view in views]
     photos = [_photo(view, camera) for view, camera in zip(views, shown, strict=True)]
     names, own = [view.name for view in views], _shrunk(maps, shown)
+    points = scene.points().xyz.astype(np.float64)
 
     def judged(*, cut_ground: bool = True, half_needed: bool = False) -> _Judged:
         votes = splat_votes.collect(
@@ -86,6 +86,7 @@ def agree(
             voting,
             shown,
             maps,
+            points,
             trained=trained,
             cut_ground=cut_ground,
             half_needed=half_needed,
@@ -220,7 +221,7 @@ def _write(
         rows.append(ViewReport(view.name, float((mask > 0).mean()), (), scored))
         borders.append(border_share(mask))
         overlaps[view.name] = round(silhouettes.iou(own > 0, mask > 0), 4)
-    differs = [overlaps.get(row.name, 1.0) < UNUSUAL for row in rows]
+    differs = [overlaps.get(row.name, 1.0) < silhouettes.CONTRADICT for row in rows]
     flags = flags_of([row.foreground for row in rows], borders, differs)
     reports = tuple(replace(row, flags=flag) for row, flag in zip(rows, flags, strict=True))
     MaskReport(before.source, "votes", before.model, reports).save(out / "masks.json")
@@ -246,7 +247,7 @@ def _keep(scene: Scene, out: Path, reason: str) -> Scene:
 def _mask(soft: SoftMap, view: View, *, by_votes: bool) -> Mask:
     """Threshold a map at the photo's size; outlines by votes move to the photo's edges."""
     full = cv2.resize(soft, (view.width, view.height), interpolation=cv2.INTER_CUBIC)
-    mask = clean(threshold(full, HALF))
+    mask = clean(threshold(full, silhouettes.HALF))
     return clean(to_photo_edges(mask, _read_photo(view))) if by_votes else mask
 
 

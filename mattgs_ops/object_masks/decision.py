@@ -15,9 +15,10 @@ view's own map is corrected, not replaced: the average of own map, silhouettes a
 by their agreement.
 
 Parts attached to the object (``attached_parts``) join where they are few and where the photos
-confirm their outlines. Both decisions are for the capture. A single view keeps the averaged mask if
-its photo does not confirm the voted outline and silhouettes agree better with its map. So does a
-held-out view which the splats, that have never been fitted to it, show worse than all others.
+confirm their outlines; many join where they have the object's colours, too. Both decisions are for
+the capture. A single view keeps the averaged mask if its photo does not confirm the voted outline
+and silhouettes agree better with its map. So does a held-out view which the splats, that have never
+been fitted to it, show worse than all others.
 """
 
 from collections.abc import Sequence
@@ -29,15 +30,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mattgs_ops.capture.masks import SoftMap
+from mattgs_ops.object_masks.photo_colours import share_alike
 from mattgs_ops.object_masks.photo_edges import edges_near, share_on_edges, surely_larger
-from mattgs_ops.object_masks.silhouettes import Silhouettes, iou
+from mattgs_ops.object_masks.silhouettes import CONTRADICT, HALF, Silhouettes, overlaps
 from mattgs_ops.object_masks.splat_votes import Votes
 
-HALF = 0.5  # from here on a map says object
 # Outlines are coarse, and fur has no edge: some of each runs beside the photo's edges. A quarter
 # more of it than of the outline that it would replace is not that.
 UNCONFIRMED = 0.25
-MOST_ATTACHED = 0.5  # of the certain area: what adds more is no correction
+MOST_ATTACHED = 0.5  # of the certain area: what adds more is no correction unless colours say so
 NO_COUNTS = 2.0  # times a yes, of silhouettes
 COARSE = 2 / 128  # of the longest side: two pixels of those that silhouettes are compared at
 BEST = 0.99  # agreement above it counts as this much: weights stay finite
@@ -69,7 +70,8 @@ class Decision:
 
     ``level`` is the mean vote from which on splats that are object meet the maps best.
     ``confirmed`` is the share of outlines that lies on an edge of the photo, by whose outline it
-    is; ``attached`` the area that attached parts add to that of the votes.
+    is; ``attached`` the area that attached parts add to that of the votes, ``alike`` the share of
+    it that has the object's colours, where it was asked for.
     """
 
     masks: Source
@@ -80,6 +82,7 @@ class Decision:
     confirmed: dict[str, float]
     attached: float
     attached_kept: bool
+    alike: float | None
     views: tuple[ViewEvidence, ...]
 
 
@@ -113,7 +116,7 @@ def decide(
         )
         maps = _fused(own, others, own, outline_agreement, 0.0)
         decision = Decision(
-            "maps", reason, outline_agreement, None, None, confirmed, 0.0, False, views
+            "maps", reason, outline_agreement, None, None, confirmed, 0.0, False, None, views
         )
         return decision, maps
     by_votes = overlaps(own, votes.certain)
@@ -123,11 +126,14 @@ def decide(
     attached = max(
         0.0, _area(votes.with_parts, deciding) / max(_area(votes.certain, deciding), 1e-9) - 1
     )
-    joins = (
-        attached <= MOST_ATTACHED
-        and confirmed["attached"] >= confirmed["votes"] - UNCONFIRMED
-        and not _parts_denied(votes, own, edges, deciding)
-    )
+    if attached <= MOST_ATTACHED:
+        alike = None
+        joins = confirmed["attached"] >= confirmed["votes"] - UNCONFIRMED
+        joins = joins and not _parts_denied(votes, own, edges, deciding)
+    else:
+        alike = _alike(photos, votes, deciding)
+        joins = confirmed["attached"] >= confirmed["votes"]
+        joins = joins and surely_larger(alike, [HALF] * len(alike))
     voted = votes.with_parts if joins else votes.certain
     objection = _objection(outline_agreement, votes_agreement, confirmed)
     with_parts = overlaps(own, voted)
@@ -153,6 +159,7 @@ def decide(
         confirmed=confirmed,
         attached=attached,
         attached_kept=joins,
+        alike=None if alike is None else float(np.mean(alike)),
         views=tuple(
             ViewEvidence(*one)
             for one in zip(names, by_outline, by_votes, with_parts, on_edges, sources, strict=True)
@@ -181,19 +188,31 @@ def _parts_denied(
     return all(surely_larger(*pair) for pair in zip(without, joined, strict=True))
 
 
+def _alike(
+    photos: Sequence[NDArray[np.uint8]], votes: Votes, deciding: Sequence[int]
+) -> list[float]:
+    """Return which share of the attached parts has the colours of the votes' object, by view."""
+    pairs = [(photos[k], votes.certain[k] >= HALF, votes.with_parts[k] >= HALF) for k in deciding]
+    return [share_alike(photo, thing, whole & ~thing, ~whole) for photo, thing, whole in pairs]
+
+
 def _unlike_trained(
     by_votes: Sequence[float], by_outline: Sequence[float], deciding: Sequence[int]
 ) -> list[bool]:
     """Return which held-out views the splats show worse than any view that they were trained on.
 
     There votes meet the own map less than silhouettes do, by a factor that no training view has.
+    A map that shares less with silhouettes than it differs is no witness.
     """
     ratios = [
         votes / max(outline, LEAST) for votes, outline in zip(by_votes, by_outline, strict=True)
     ]
     lowest = min((ratios[index] for index in deciding), default=0.0)
     trained = set(deciding)
-    return [index not in trained and ratio < min(lowest, 1.0) for index, ratio in enumerate(ratios)]
+    return [
+        index not in trained and outline >= CONTRADICT and ratio < min(lowest, 1.0)
+        for index, (ratio, outline) in enumerate(zip(ratios, by_outline, strict=True))
+    ]
 
 
 def _source(
@@ -211,11 +230,6 @@ def _source(
     )
     denied = strange or (unconfirmed and by_votes < by_outline)
     return "maps" if objection or denied else "votes"
-
-
-def overlaps(first: Sequence[SoftMap], second: Sequence[SoftMap]) -> list[float]:
-    """Return the IoU of each two maps [H, W], 0.5 and above is object."""
-    return [iou(a >= HALF, b >= HALF) for a, b in zip(first, second, strict=True)]
 
 
 def _area(maps: Sequence[SoftMap], deciding: Sequence[int]) -> float:

@@ -10,10 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from mattgs_ops.object_masks.silhouettes import CONTRADICT
 from mattgs_ops.segment.mask_report import FRAME_SHARE, MaskReport
 
-# Two masks whose IoU is below a half differ in more than they share.
-CONTRADICT = 0.5
 MANY = 0.5  # of the views: a flag that more than half of them carry is the capture's
 DIFFERENT_EXPOSURE = 2**0.5  # half a stop: cameras set exposure in steps of thirds
 NAMED = 5  # views named in one sentence

@@ -1,4 +1,4 @@
-"""Masks cut anew by the photos' colours, where photos and maps both speak for it.
+"""Colours: masks cut anew where photos and maps both speak for it; what looks like the object.
 
 On even ground splats fill the air as they please: what lies between a rover's wheels is object by
 votes and white paper in the photo. GrabCut, seeded by what a map is sure about
@@ -10,17 +10,23 @@ edges more, view by view, and the new masks meet the photos' own maps at least a
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
 
 from mattgs_ops.capture.masks import SoftMap, clean
-from mattgs_ops.object_masks.decision import HALF, overlaps
 from mattgs_ops.object_masks.photo_edges import edges_near, share_on_edges, surely_larger
+from mattgs_ops.object_masks.silhouettes import HALF, overlaps
 from mattgs_ops.segment.grabcut import grabcut_seeded
 
 GOOD = 0.99  # share of outlines on edges from which on there is nothing to mend
 SURE = 0.8  # of a map, and 1 - SURE for background: colours decide only what lies between
+BINS = 16  # of each axis of CIELAB; neighbours are blurred into each other, by one bin
+FEWEST_PIXELS = 20  # of a colour histogram, and of what is compared with it
 MOST_VIEWS = 24  # that are asked: a t-test gains little from more, and each takes 0.15 s
+
+Bits = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -73,6 +79,28 @@ def by_colours(photo: NDArray[np.uint8], soft: SoftMap) -> SoftMap:
     cut[soft <= 1 - SURE] = 0
     corrected: SoftMap = np.where((cut > 0) == (soft >= HALF), soft, 1 - soft).astype(np.float32)
     return corrected
+
+
+def share_alike(photo: NDArray[np.uint8], thing: Bits, part: Bits, around: Bits) -> float:
+    """Return the share of a part's pixels whose colour is the thing's rather than the rest's.
+
+    ``photo`` [H, W, 3] BGR; ``thing``, ``part`` and ``around`` [H, W] do not overlap. A colour is
+    the thing's where the histogram of the thing holds a larger share of it than that of what is
+    ``around``. 0 where one of the three is too small to say.
+    """
+    if min(int(mask.sum()) for mask in (thing, part, around)) < FEWEST_PIXELS:
+        return 0.0
+    places = cv2.cvtColor(photo, cv2.COLOR_BGR2LAB).astype(np.int64) * BINS // 256
+    mine, others = _histogram(places[thing]), _histogram(places[around])
+    colours = tuple(places[part].T)
+    return float((mine[colours] > others[colours]).mean())
+
+
+def _histogram(places: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the smoothed share of each colour [BINS, BINS, BINS] among ``places`` [N, 3]."""
+    counts, _ = np.histogramdd(places, bins=BINS, range=[(0, BINS)] * 3)
+    shares: NDArray[np.float64] = gaussian_filter(counts, 1.0) / len(places)
+    return shares
 
 
 def _cleaned(soft: SoftMap) -> SoftMap:

@@ -58,8 +58,11 @@ def surely_larger(first: Sequence[float], second: Sequence[float]) -> bool:
     A paired t-test over the views; by chance it says so once in forty times, and never where there
     is nothing to choose.
     """
-    if len(first) < 2 or np.ptp(np.subtract(first, second)) == 0:
+    differences = np.subtract(first, second)
+    if len(first) < 2:
         return False
+    if np.ptp(differences) == 0:  # no spread to hold a difference against
+        return bool(differences[0] > 0)
     return bool(ttest_rel(first, second, alternative="greater").pvalue < CHANCE)
 
 

@@ -25,7 +25,8 @@ GRID = 80  # points along each axis of the cube around the object
 MARGIN = 1.3  # of the object's radius: the cube holds a little more than the median silhouette
 FEWEST_SHARE = 0.5  # of the other views must see a point for it to count
 SHARES = (1.0, 0.9, 0.75, 0.5)  # from none of the maps wrong to half of them
-SURE = 0.5  # from here on a map says object
+HALF = 0.5  # from here on a map says object
+CONTRADICT = 0.5  # IoU below which two masks differ in more than they share
 FEWEST_SPEAKING = 2
 NEAREST = 0.1  # of the points are nearer to the camera than those whose gaps are closed
 MOST_GAP = 8  # pixels; a camera that is closer sees nothing else
@@ -61,7 +62,7 @@ def predict(
     ``trained`` on (None: all are). None where fewer than two maps show something, or the rays
     through their middles meet nowhere.
     """
-    own = [soft >= SURE for soft in maps]
+    own = [soft >= HALF for soft in maps]
     speaking = [
         bool(mask.any()) and heard
         for mask, heard in zip(own, trained or [True] * len(own), strict=True)
@@ -98,6 +99,11 @@ def iou(first: NDArray[np.bool_], second: NDArray[np.bool_]) -> float:
     """Return intersection over union of two masks [H, W]; 1 where both are empty."""
     union = int((first | second).sum())
     return int((first & second).sum()) / union if union else 1.0
+
+
+def overlaps(first: Sequence[SoftMap], second: Sequence[SoftMap]) -> list[float]:
+    """Return the IoU of each two maps [H, W], 0.5 and above is object."""
+    return [iou(a >= HALF, b >= HALF) for a, b in zip(first, second, strict=True)]
 
 
 def around_half(share: SoftMap, wanted: float) -> SoftMap:

@@ -22,7 +22,7 @@ from scipy.spatial import cKDTree
 from mattgs_ops.capture.camera import Camera
 from mattgs_ops.capture.masks import SoftMap
 from mattgs_ops.object_masks import ground_plane
-from mattgs_ops.object_masks.attached_parts import attached
+from mattgs_ops.object_masks.attached_parts import attached, without_stranded
 from mattgs_ops.object_masks.silhouettes import around_half, iou
 from mattgs_ops.object_masks.splat_labels import (
     UNSEEN,
@@ -72,6 +72,7 @@ def collect(
     voting: Sequence[Camera],
     shown: Sequence[Camera],
     maps: Sequence[SoftMap],
+    points: NDArray[np.float64] | None = None,
     *,
     trained: Sequence[bool] | None = None,
     cut_ground: bool = True,
@@ -83,7 +84,8 @@ def collect(
     ``voting`` are the views' cameras at the size for voting, ``shown`` at the size of the masks.
     ``maps`` [H, W] in [0, 1], of any size; views whose map shows nothing, and those that are not
     ``trained`` on (None: all are), do not vote and get the others' masks. Without ``cut_ground``
-    what lies on the ground is object where the votes say so. With ``half_needed`` the second round
+    what lies on the ground is object where the votes say so. ``points`` [P, 3] are triangulated
+    ones: the ground is sought among them first. With ``half_needed`` the second round
     asks for half of the first one's votes instead of a quarter.
     """
     trained = trained or [True] * len(maps)
@@ -95,7 +97,7 @@ def collect(
     answers = tally(splats, voters, voting_maps, threads=threads)
     weights = answers.weight.sum(axis=0)
     around = [camera for camera, use in zip(voting, trained, strict=True) if use]
-    place = locate(splats, answers.labels(), weights, around)
+    place = locate(splats, answers.labels(), weights, around, points)
     if place is None:
         return None
     predicted, firm, soft, level = _by_others(
@@ -113,7 +115,9 @@ def collect(
     certain = (voted >= CERTAIN).astype(np.float32)
     joined = with_attached_parts(splats, again, weights, place, direct)
     if not cut_ground:
-        joined = np.maximum(joined, certain)
+        seen, far = solid(splats, weights), distances_from(splats, place)
+        whole = without_stranded(splats, certain > 0, seen, far)
+        joined = np.maximum(joined, whole.astype(np.float32))
     by_all = [
         render_labels(splats, [certain, joined], camera, place, threads=threads) for camera in shown
     ]
@@ -153,9 +157,17 @@ def _by_others(
 
 
 def locate(
-    splats: Splats, labels: Floats, weights: Floats, cameras: Sequence[Camera]
+    splats: Splats,
+    labels: Floats,
+    weights: Floats,
+    cameras: Sequence[Camera],
+    points: NDArray[np.float64] | None = None,
 ) -> Place | None:
-    """Find the object among the splats; None where no splat is salient to its views."""
+    """Find the object among the splats; None where no splat is salient to its views.
+
+    Triangulated ``points`` [P, 3] lie on the ground more exactly than splats of a short training,
+    which are thick. Where they show no plane, or there are none, splats are asked.
+    """
     xyz = splats.means.numpy().astype(np.float64)
     surface = solid(splats, weights)
     certain = xyz[surface & (labels > CERTAIN)]
@@ -163,11 +175,23 @@ def locate(
         return None
     middle = np.median(certain, axis=0)
     radius = float(np.quantile(np.linalg.norm(certain - middle, axis=1), REACH))
-    distances = np.linalg.norm(xyz - middle, axis=1) / radius
-    beside = (distances > BESIDE) & (distances < ground_plane.REACH)
-    around = xyz[surface & (labels <= CERTAIN) & beside]
     centres = np.array([camera.centre for camera in cameras])
-    return Place(middle, radius, ground_plane.find(around, radius, centres))
+    ground = None
+    if points is not None:
+        ground = ground_plane.find(points[_beside(points, middle, radius)], radius, centres)
+    if ground is None:
+        around = xyz[surface & (labels <= CERTAIN) & _beside(xyz, middle, radius)]
+        ground = ground_plane.find(around, radius, centres)
+    return Place(middle, radius, ground)
+
+
+def _beside(
+    xyz: NDArray[np.float64], middle: NDArray[np.float64], radius: float
+) -> NDArray[np.bool_]:
+    """Return which points [N, 3] lie where the ground is sought: beside the object, not far off."""
+    distances = np.linalg.norm(xyz - middle, axis=1) / radius
+    beside: NDArray[np.bool_] = (distances > BESIDE) & (distances < ground_plane.REACH)
+    return beside
 
 
 def without_ground(splats: Splats, labels: Floats, place: Place) -> Floats:
@@ -186,8 +210,7 @@ def with_attached_parts(
     ``direct`` are the labels of the photos' own maps: what they call object where the ground begins
     may be the object's feet. The second round's maps know nothing of it, as the ground was cut.
     """
-    means = splats.means.numpy().astype(np.float64)
-    distances = np.linalg.norm(means - place.middle, axis=1) / place.radius
+    means, distances = splats.means.numpy().astype(np.float64), distances_from(splats, place)
     raised = without_ground(splats, np.ones_like(labels), place) > 0
     belongs = attached(splats, labels >= CERTAIN, solid(splats, weights), raised, distances)
     if direct is not None and place.ground is not None:
@@ -216,6 +239,13 @@ def _feet(
         return np.zeros_like(belongs)
     feet[feet] = cKDTree(along[above]).query(along[feet])[0] <= reach
     return feet
+
+
+def distances_from(splats: Splats, place: Place) -> NDArray[np.float64]:
+    """Return how far splats [N] are from the object's middle, in its radii."""
+    means = splats.means.numpy().astype(np.float64)
+    distances: NDArray[np.float64] = np.linalg.norm(means - place.middle, axis=1) / place.radius
+    return distances
 
 
 def solid(splats: Splats, weights: Floats) -> NDArray[np.bool_]:

@@ -1,4 +1,4 @@
-"""Evaluation sets: three objects on six grounds, to see where masks fail, and five sets that judge.
+"""Evaluation sets: objects on grounds, to see where masks fail, and seven sets that only judge.
 
     mattgs captures evaluation OUT [--sets rover-black-cloth,figurine-turntable] [--views 24]
 
@@ -71,15 +71,20 @@ class EvaluationSet:
         return [SEED, list(OBJECTS).index(self.thing), GROUNDS.index(self.ground)]
 
 
-CHOOSING_SETS = tuple(
-    EvaluationSet(thing, ground) for ground in CHOOSING_GROUNDS for thing in CHOOSING_OBJECTS
+CHOOSING_SETS = (
+    *(EvaluationSet(thing, ground) for ground in CHOOSING_GROUNDS for thing in CHOOSING_OBJECTS),
+    # judged once, and showed what two rules were missing
+    EvaluationSet("stone", "cluttered-desk"),
+    EvaluationSet("trunk", "woods"),
 )
 JUDGING_SETS = (
     EvaluationSet("temple", "black-cloth"),
     EvaluationSet("temple", "white-sweep"),
-    EvaluationSet("stone", "cluttered-desk"),
+    EvaluationSet("temple", "cluttered-desk"),
     EvaluationSet("stone", "dark-flash"),
-    EvaluationSet("trunk", "woods"),
+    EvaluationSet("stone", "wooden-table"),
+    EvaluationSet("stone", "woods"),
+    EvaluationSet("figurine", "woods"),
 )
 SETS = CHOOSING_SETS + JUDGING_SETS
 NAMES = tuple(one.name for one in SETS)

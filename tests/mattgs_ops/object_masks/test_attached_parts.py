@@ -10,6 +10,7 @@ from mattgs_ops.object_masks.attached_parts import (
     grown,
     spreads,
     touching,
+    without_stranded,
 )
 from mattgs_ops.splat.gaussians import Splats
 from tests.reference import touching as slow
@@ -123,3 +124,15 @@ def test_pieces_of_the_core_within_the_radius_stay_and_stranded_ones_go() -> Non
 def test_nothing_sure_means_nothing_belongs() -> None:
     found = belonging(scene(), sure=set(), faint=set())
     assert set(found.values()) == {0.0}
+
+
+def test_without_its_ground_cut_an_object_loses_other_things_and_gains_nothing() -> None:
+    things = scene()
+    means = np.concatenate(list(things.values()))
+    names = np.repeat(list(things), [len(points) for points in things.values()])
+    distances = np.linalg.norm(means - [0, 0, 0.5], axis=1) / 0.9
+    certain = np.isin(names, ["body", "mast", "speck"]) | (
+        (names == "ground") & (np.abs(means[:, :2]).max(axis=1) < 0.5)
+    )
+    found = without_stranded(splats_at(means), certain, np.ones(len(means), bool), distances)
+    assert np.array_equal(found, certain & (names != "speck"))

@@ -103,6 +103,27 @@ def test_parts_that_photos_and_maps_both_deny_do_not_join(shown: bool) -> None:
     assert np.array_equal(maps[0], whole[0] if shown else TRUTHS[0])
 
 
+@pytest.mark.parametrize("alike", [True, False])
+def test_many_attached_parts_join_where_they_have_the_objects_colours(alike: bool) -> None:
+    """Votes find the ball's middle alone; the rest has its colour, or the ground's."""
+    core = [cv2.erode(t, np.ones((9, 9), np.uint8)) for t in TRUTHS]
+    rim = np.array([40, 90, 160] if alike else [120, 120, 120])
+    pictures = []
+    for middle, whole in zip(core, TRUTHS, strict=True):
+        photo = np.full((HEIGHT, WIDTH, 3), 120, np.uint8)
+        photo[whole > 0] = rim
+        cv2.drawContours(photo, cv2.findContours(whole.astype(np.uint8), 0, 2)[0], -1, (0, 0, 0))
+        photo[middle > 0] = [40, 90, 160]
+        pictures.append(photo)
+    low = Silhouettes([soft * 0 for soft in TRUTHS], [0.0] * VIEWS, 1.0)
+    found, maps = decide(NAMES, pictures, core, low, votes(core, core, TRUTHS))
+    assert found.attached > MOST_ATTACHED
+    assert found.alike is not None
+    assert (found.alike > 0.5) is alike
+    assert found.attached_kept is alike
+    assert np.array_equal(maps[0], TRUTHS[0] if alike else core[0])
+
+
 def test_one_view_whose_voted_outline_its_photo_denies_keeps_its_map() -> None:
     sure = [t.copy() for t in TRUTHS]
     sure[5] = grown(TRUTHS[5], 8)
@@ -128,6 +149,17 @@ def test_a_held_out_view_that_splats_show_worse_than_all_others_keeps_its_map(
     assert found.masks == "votes"
     assert [view.name for view in found.views if view.masks == "maps"] == ([] if trained else ["5"])
     assert (iou(maps[5] >= 0.5, TRUTHS[5] >= 0.5) > 0.9) is not trained
+
+
+def test_a_held_out_map_that_silhouettes_contradict_is_no_witness_against_splats() -> None:
+    own = [t.copy() for t in TRUTHS]
+    own[5] = np.roll(TRUTHS[5], WIDTH // 3, axis=1)
+    met = Silhouettes(TRUTHS, [0.8] * VIEWS, 1.0)
+    use = [index != 5 for index in range(VIEWS)]
+    found, maps = decide(NAMES, photos(), own, met, votes(TRUTHS, TRUTHS), use)
+    assert iou(own[5] >= 0.5, TRUTHS[5] >= 0.5) < 0.5
+    assert found.views[5].masks == "votes"
+    assert np.array_equal(maps[5], TRUTHS[5])
 
 
 def test_leaks_are_taken_out_where_the_other_silhouettes_deny_them() -> None:

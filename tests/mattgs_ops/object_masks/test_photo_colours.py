@@ -2,8 +2,9 @@
 
 import cv2
 import numpy as np
+from scipy.ndimage import gaussian_filter
 
-from mattgs_ops.object_masks.photo_colours import ask_colours, by_colours
+from mattgs_ops.object_masks.photo_colours import ask_colours, by_colours, share_alike
 from mattgs_ops.object_masks.silhouettes import iou
 
 SIDE, VIEWS = 160, 6
@@ -69,3 +70,28 @@ def test_held_out_views_are_not_asked() -> None:
     trained = [True] * 3 + [False] * 3
     assert ask_colours(photos, truths, agreed, trained) is None
     assert ask_colours(photos, truths, agreed, trained[::-1]) is not None
+
+
+def test_a_colour_is_the_things_where_more_of_the_thing_has_it() -> None:
+    thing, part, around = (np.zeros((SIDE, SIDE), bool) for _ in range(3))
+    thing[20:60, 20:60], part[60:80, 20:60], around[80:] = True, True, True
+    photo = np.full((SIDE, SIDE, 3), 200, np.uint8)
+    photo[thing] = (30, 60, 140)
+    photo[60:75, 20:60] = (30, 60, 140)  # three quarters of the part
+    assert share_alike(photo, thing, part, around) == 0.75
+    assert share_alike(photo, thing, part, np.zeros_like(around)) == 0
+
+
+def test_share_alike_is_what_a_loop_over_pixels_finds() -> None:
+    rng = np.random.default_rng(4)
+    photo = rng.integers(0, 255, (40, 40, 3), np.uint8)
+    masks = [np.arange(1600).reshape(40, 40) % 3 == k for k in range(3)]
+    lab = cv2.cvtColor(photo, cv2.COLOR_BGR2LAB).astype(int) // 16
+    counts = []
+    for mask in (masks[0], masks[2]):
+        cells = np.zeros((16, 16, 16))
+        for place in lab[mask]:
+            cells[*place] += 1
+        counts.append(gaussian_filter(cells, 1.0) / mask.sum())
+    wanted = np.mean([counts[0][*place] > counts[1][*place] for place in lab[masks[1]]])
+    assert share_alike(photo, *masks) == wanted

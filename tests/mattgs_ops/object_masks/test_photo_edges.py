@@ -73,4 +73,5 @@ def test_one_view_in_doubt_does_not_decide_for_all() -> None:
     assert not surely_larger(shares, higher)
     assert not surely_larger([0.99, *shares[1:]], shares)
     assert not surely_larger(shares, shares)
+    assert surely_larger([1.0, 1.0], [0.5, 0.5])
     assert not surely_larger([0.9], [0.1])

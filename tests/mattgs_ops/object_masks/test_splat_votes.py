@@ -119,6 +119,21 @@ def test_leaks_losses_and_the_ground_are_mended() -> None:
     np.testing.assert_allclose(place.middle, CENTRE, atol=0.25)
 
 
+@pytest.mark.parametrize("known", [True, False])
+def test_the_ground_is_sought_among_triangulated_points_first(known: bool) -> None:
+    """The desk's splats are thick, and lie a fifth of the ball's radius too high."""
+    cameras, splats = orbit(), scene_of_splats()
+    splats.means[BALL:, 2] += 0.2 * RADIUS
+    rng = np.random.default_rng(2)
+    on_desk = np.concatenate([rng.uniform(-2, 2, (400, 2)), np.zeros((400, 1))], axis=1)
+    points = on_desk if known else rng.normal(0, 1, (400, 3)) + CENTRE
+    labels, weights = asked(splats, cameras, [truth(camera) for camera in cameras])
+    place = locate(splats, labels, weights, cameras, points)
+    assert place is not None
+    assert place.ground is not None
+    assert place.ground.offset == pytest.approx(0 if known else 0.2 * RADIUS, abs=0.02)
+
+
 def test_a_spot_that_no_view_finds_is_object_because_it_is_part_of_the_ball() -> None:
     cameras, splats = orbit(), scene_of_splats()
     top = CENTRE + np.array([0, 0, RADIUS])

@@ -12,7 +12,7 @@ The photos are the second test: no object ends in the middle of even black cloth
 therefore multiplied by the share of the outlines, of votes and of maps, that lies on photos' edges.
 Where votes score at least as well, they are the masks, even against a view's own map. Elsewhere a
 view's own map is corrected, not replaced: the average of own map, silhouettes and votes, weighted
-by their agreement.
+by their agreement; and not even that where the photos' edges are against it.
 
 Parts attached to the object (``attached_parts``) join where they are few and where the photos
 confirm their outlines; many join where they have the object's colours, too. Both decisions are for
@@ -32,16 +32,19 @@ from numpy.typing import NDArray
 from mattgs_ops.capture.masks import SoftMap
 from mattgs_ops.object_masks.photo_colours import share_alike
 from mattgs_ops.object_masks.photo_edges import edges_near, share_on_edges, surely_larger
-from mattgs_ops.object_masks.silhouettes import CONTRADICT, HALF, Silhouettes, overlaps
+from mattgs_ops.object_masks.silhouettes import (
+    CONTRADICT,
+    HALF,
+    Silhouettes,
+    corrected,
+    overlaps,
+)
 from mattgs_ops.object_masks.splat_votes import Votes
 
 # Outlines are coarse, and fur has no edge: some of each runs beside the photo's edges. A quarter
 # more of it than of the outline that it would replace is not that.
 UNCONFIRMED = 0.25
 MOST_ATTACHED = 0.5  # of the certain area: what adds more is no correction unless colours say so
-NO_COUNTS = 2.0  # times a yes, of silhouettes
-COARSE = 2 / 128  # of the longest side: two pixels of those that silhouettes are compared at
-BEST = 0.99  # agreement above it counts as this much: weights stay finite
 LEAST = 0.01  # agreement below it counts as this much: ratios stay finite
 
 Source = Literal["votes", "maps"]
@@ -71,7 +74,8 @@ class Decision:
     ``level`` is the mean vote from which on splats that are object meet the maps best.
     ``confirmed`` is the share of outlines that lies on an edge of the photo, by whose outline it
     is; ``attached`` the area that attached parts add to that of the votes, ``alike`` the share of
-    it that has the object's colours, where it was asked for.
+    it that has the object's colours, where it was asked for. ``own_kept``: maps stay as they were,
+    as correcting them leads their outlines away from edges.
     """
 
     masks: Source
@@ -82,6 +86,7 @@ class Decision:
     confirmed: dict[str, float]
     attached: float
     attached_kept: bool
+    own_kept: bool
     alike: float | None
     views: tuple[ViewEvidence, ...]
 
@@ -114,9 +119,9 @@ def decide(
             ViewEvidence(name, one, None, None, None, "maps")
             for name, one in zip(names, by_outline, strict=True)
         )
-        maps = _fused(own, others, own, outline_agreement, 0.0)
+        maps = corrected(own, others, own, outline_agreement, 0.0)
         decision = Decision(
-            "maps", reason, outline_agreement, None, None, confirmed, 0.0, False, None, views
+            "maps", reason, outline_agreement, None, None, confirmed, 0.0, False, False, None, views
         )
         return decision, maps
     by_votes = overlaps(own, votes.certain)
@@ -146,7 +151,13 @@ def decide(
     predicted = [
         _resized(soft, mine.shape) for soft, mine in zip(votes.predicted, own, strict=True)
     ]
-    fused = _fused(own, others, predicted, outline_agreement, float(np.mean(votes.soft_agreement)))
+    kept = False
+    fused = corrected(
+        own, others, predicted, outline_agreement, float(np.mean(votes.soft_agreement))
+    )
+    if objection and _denied(own, fused, edges, deciding):
+        kept = True
+        fused = [mine if (mine >= HALF).any() else f for mine, f in zip(own, fused, strict=True)]
     maps = [
         v if source == "votes" else f for source, v, f in zip(sources, voted, fused, strict=True)
     ]
@@ -159,6 +170,7 @@ def decide(
         confirmed=confirmed,
         attached=attached,
         attached_kept=joins,
+        own_kept=kept,
         alike=None if alike is None else float(np.mean(alike)),
         views=tuple(
             ViewEvidence(*one)
@@ -186,6 +198,21 @@ def _parts_denied(
 
     without, joined = witnesses(votes.certain), witnesses(votes.with_parts)
     return all(surely_larger(*pair) for pair in zip(without, joined, strict=True))
+
+
+def _denied(
+    own: Sequence[SoftMap],
+    fused: Sequence[SoftMap],
+    edges: Sequence[Bits],
+    deciding: Sequence[int],
+) -> bool:
+    """Whether outlines of corrected maps surely lie on photos' edges less than those of the maps.
+
+    Views without an object in their own map are not asked.
+    """
+    asked = [k for k in deciding if (own[k] >= HALF).any()]
+    shares = [[share_on_edges(maps[k] >= HALF, edges[k]) for k in asked] for maps in (own, fused)]
+    return surely_larger(*shares)
 
 
 def _alike(
@@ -245,46 +272,6 @@ def _objection(silhouettes: float, votes: float, confirmed: dict[str, float]) ->
         f"{confirmed['votes']:.2f}, less than silhouettes, {silhouettes:.2f}, and maps, "
         f"{confirmed['maps']:.2f}, do"
     )
-
-
-def _fused(
-    own: Sequence[SoftMap],
-    others: Sequence[SoftMap],
-    voted: Sequence[SoftMap],
-    silhouettes: float,
-    votes: float,
-) -> list[SoftMap]:
-    """Average own map, silhouettes and votes, weighted by the odds that each is right.
-
-    Pixels outside the other views' silhouettes cannot be object if those are right; pixels inside
-    may be free space between them. So silhouettes count twice where they say no. Along the map's
-    own outline silhouettes and votes are no more exact than the map, which is kept there.
-    """
-    outlines, splats = _odds(silhouettes), _odds(votes)
-    itself = max(outlines, splats)  # a map weighs as much as the better of the two
-    fused = []
-    for mine, other, answer in zip(own, others, voted, strict=True):
-        weight = outlines * np.where(other < HALF, NO_COUNTS, 1.0)
-        mean = (itself * mine + weight * other + splats * answer) / (itself + weight + splats)
-        # where the mean takes a whole part away, the part's outline goes with it
-        near = _near_outline(mine >= HALF) & _near_outline(mean >= HALF, 2 * COARSE)
-        fused.append(np.where(near, mine, mean).astype(np.float32))
-    return fused
-
-
-def _near_outline(mask: Bits, share: float = COARSE) -> Bits:
-    """Return the pixels [H, W] closer to a mask's outline than a share of the longest side."""
-    reach = max(1, round(share * max(mask.shape)))
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
-    binary = mask.astype(np.uint8)
-    grown, shrunk = cv2.dilate(binary, disc), cv2.erode(binary, disc, borderValue=1)
-    near: Bits = (grown > 0) & (shrunk == 0)
-    return near
-
-
-def _odds(agreement: float) -> float:
-    share = min(agreement, BEST)
-    return share / (1 - share)
 
 
 def _confirmed(maps: Sequence[SoftMap], edges: Sequence[Bits], deciding: Sequence[int]) -> float:

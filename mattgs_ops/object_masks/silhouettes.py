@@ -28,6 +28,9 @@ SHARES = (1.0, 0.9, 0.75, 0.5)  # from none of the maps wrong to half of them
 HALF = 0.5  # from here on a map says object
 CONTRADICT = 0.5  # IoU below which two masks differ in more than they share
 FEWEST_SPEAKING = 2
+NO_COUNTS = 2.0  # times a yes, of silhouettes
+COARSE = 2 / SIDE  # of the longest side: two pixels of those that silhouettes are compared at
+BEST = 0.99  # agreement above it counts as this much: weights stay finite
 NEAREST = 0.1  # of the points are nearer to the camera than those whose gaps are closed
 MOST_GAP = 8  # pixels; a camera that is closer sees nothing else
 LARGEST_CONDITION = 1e6  # of the rays' equations: beyond it all views look the same way
@@ -111,6 +114,46 @@ def around_half(share: SoftMap, wanted: float) -> SoftMap:
     above = np.ones_like(share) if wanted >= 1 else 0.5 + 0.5 * (share - wanted) / (1 - wanted)
     stretched: SoftMap = np.where(share < wanted, share / (2 * wanted), above).astype(np.float32)
     return stretched
+
+
+def corrected(
+    own: Sequence[SoftMap],
+    others: Sequence[SoftMap],
+    voted: Sequence[SoftMap],
+    silhouettes: float,
+    votes: float,
+) -> list[SoftMap]:
+    """Average own map, silhouettes and votes, weighted by the odds that each is right.
+
+    Pixels outside the other views' silhouettes cannot be object if those are right; pixels inside
+    may be free space between them. So silhouettes count twice where they say no. Along the map's
+    own outline silhouettes and votes are no more exact than the map, which is kept there.
+    """
+    outlines, splats = _odds(silhouettes), _odds(votes)
+    itself = max(outlines, splats)  # a map weighs as much as the better of the two
+    fused = []
+    for mine, other, answer in zip(own, others, voted, strict=True):
+        weight = outlines * np.where(other < HALF, NO_COUNTS, 1.0)
+        mean = (itself * mine + weight * other + splats * answer) / (itself + weight + splats)
+        # where the mean takes a whole part away, the part's outline goes with it
+        near = _near_outline(mine >= HALF) & _near_outline(mean >= HALF, 2 * COARSE)
+        fused.append(np.where(near, mine, mean).astype(np.float32))
+    return fused
+
+
+def _near_outline(mask: NDArray[np.bool_], share: float = COARSE) -> NDArray[np.bool_]:
+    """Return the pixels [H, W] closer to a mask's outline than a share of the longest side."""
+    reach = max(1, round(share * max(mask.shape)))
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+    binary = mask.astype(np.uint8)
+    grown, shrunk = cv2.dilate(binary, disc), cv2.erode(binary, disc, borderValue=1)
+    near: NDArray[np.bool_] = (grown > 0) & (shrunk == 0)
+    return near
+
+
+def _odds(agreement: float) -> float:
+    share = min(agreement, BEST)
+    return share / (1 - share)
 
 
 def _fitted(

@@ -162,6 +162,19 @@ def test_a_held_out_map_that_silhouettes_contradict_is_no_witness_against_splats
     assert np.array_equal(maps[5], TRUTHS[5])
 
 
+def test_maps_stay_where_correcting_them_leads_outlines_away_from_edges() -> None:
+    """Silhouettes lie beside the ball, by more in some views than in others."""
+    beside = [np.roll(t, 6 + index % 2, axis=1) for index, t in enumerate(TRUTHS)]
+    met = [iou(a > 0, b > 0) for a, b in zip(beside, TRUTHS, strict=True)]
+    own = [*TRUTHS[:-1], TRUTHS[-1] * 0]
+    floods = [grown(t, 20) for t in TRUTHS]
+    found, maps = decide(NAMES, photos(), own, Silhouettes(beside, met, 1.0), votes(TRUTHS, floods))
+    assert found.masks == "maps"
+    assert found.own_kept
+    assert all(np.array_equal(a, b) for a, b in zip(maps[:-1], own[:-1], strict=True))
+    assert (maps[-1] >= 0.5).any()  # the others lend an empty map theirs
+
+
 def test_leaks_are_taken_out_where_the_other_silhouettes_deny_them() -> None:
     own = [t.copy() for t in TRUTHS]
     own[2][4:24, 4:24] = 1

@@ -94,6 +94,9 @@ MATTGS_INLINE void one_pair(const TileView& view, const Prepared& prepared, int 
         if (state.deepest[strip] <= position) continue;
         const float dy = prepared.dy[strip];
         const F start = prepared.columns(strip);
+        // d log2(alpha) by x and by y, but for factors, are linear in the row
+        const F by_row_x = all(s.sy), by_row_y = all(s.sy * s.sy + s.fall);
+        const F start_y = s.sy * start + s.fall * dy;
         Column<BROAD_SPLAT> column(prepared, strip);
         RowSums rows{F{}, F{}, F{}};
         float* p = state.v[strip][first][0];
@@ -125,24 +128,23 @@ MATTGS_INLINE void one_pair(const TileView& view, const Prepared& prepared, int 
                 rows.qr += q * ROW[r];
                 rows.qrr += q * ROW_SQUARED[r];
             }
-            if (STATISTICS || !BROAD_SPLAT) {
+            if (!BROAD_SPLAT) {
                 const F u = start + s.sy * ROW[r];
                 const float y = dy + ROW[r];
                 const F qu = q * u, qy = q * y;
-                if (!BROAD_SPLAT) {
-                    sums[SUM_Q] += q;
-                    sums[SUM_QU] += qu;
-                    sums[SUM_QUU] += qu * u;
-                    sums[SUM_QY] += qy;
-                    sums[SUM_QUY] += qu * y;
-                    sums[SUM_QYY] += qy * y;
-                }
-                if (STATISTICS) {
-                    sums[SUM_ABS_X] += abs(qu);
-                    sums[SUM_ABS_Y] += abs(s.sy * qu + s.fall * qy);
-                    sums[SUM_W] += w;
-                    sums[SUM_WMAP] += w * load(p + MAP * LANES);
-                }
+                sums[SUM_Q] += q;
+                sums[SUM_QU] += qu;
+                sums[SUM_QUU] += qu * u;
+                sums[SUM_QY] += qy;
+                sums[SUM_QUY] += qu * y;
+                sums[SUM_QYY] += qy * y;
+            }
+            if (STATISTICS) {
+                const F size = abs(q);
+                sums[SUM_ABS_X] += size * abs(start + by_row_x * ROW[r]);
+                sums[SUM_ABS_Y] += size * abs(start_y + by_row_y * ROW[r]);
+                sums[SUM_W] += w;
+                sums[SUM_WMAP] += w * load(p + MAP * LANES);
             }
         }
         if (BROAD_SPLAT) rows.add_to(sums, s, start, dy);

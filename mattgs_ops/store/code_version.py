@@ -34,7 +34,6 @@ LIBRARIES = {
     "pycolmap": "pycolmap",
     "scipy": "scipy",
     "skimage": "scikit-image",
-    "flip_evaluator": "flip-evaluator",
     "torch": "torch",
 }
 # A package stands for all of its modules: a stage may run one of them in a process of its own.

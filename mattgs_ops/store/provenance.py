@@ -18,7 +18,6 @@ DISTRIBUTIONS = (
     "pillow",
     "opencv-contrib-python-headless",
     "scikit-image",
-    "flip-evaluator",
     "pycolmap",
     "onnxruntime",
     "prefect",

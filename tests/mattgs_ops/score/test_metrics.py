@@ -45,7 +45,8 @@ def test_ssim_is_the_gaussian_form() -> None:
 
 
 def test_ssim_equals_scikit_image() -> None:
-    expected = structural_similarity(
+    """At the frame's border too: masks reach it."""
+    expected, full = structural_similarity(
         IMAGE,
         TRUTH,
         gaussian_weights=True,
@@ -53,8 +54,10 @@ def test_ssim_equals_scikit_image() -> None:
         use_sample_covariance=False,
         data_range=1,
         channel_axis=-1,
+        full=True,
     )
     assert metrics.ssim(IMAGE, TRUTH) == pytest.approx(expected, abs=1e-12)
+    np.testing.assert_allclose(metrics.ssim_map(IMAGE, TRUTH), full.mean(axis=2), atol=1e-12)
 
 
 def test_small_structures_are_scored_on_their_own_pixels_inside_the_mask() -> None:

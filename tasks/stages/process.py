@@ -51,6 +51,9 @@ THREAD_VARIABLES = (
     "VECLIB_MAXIMUM_THREADS",
     "OPENCV_FOR_THREADS_NUM",
 )
+# Dask sets it for its workers: memory goes back to the system at once, and each array that a stage
+# makes is mapped, cleared and unmapped anew, which may take longer than what is done with it
+NOT_INHERITED = "MALLOC_TRIM_THRESHOLD_"
 
 
 class CrashError(StageError):
@@ -162,7 +165,7 @@ def _environment(threads: int) -> dict[str, str]:
     """Environment of the child: stated thread counts, unbuffered output, importable code."""
     paths = [path for path in sys.path if path]
     return {
-        **os.environ,
+        **{name: value for name, value in os.environ.items() if name != NOT_INHERITED},
         **dict.fromkeys(THREAD_VARIABLES, str(threads)),
         "OMP_WAIT_POLICY": "PASSIVE",  # spinning barriers starve the neighbours on a shared machine
         "MPLBACKEND": "Agg",

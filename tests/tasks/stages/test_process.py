@@ -25,6 +25,9 @@ def good(arguments, out, threads, progress):
         progress(i + 1, 3, f"step {i + 1}")
     (out / "threads").write_text(f"{threads} {os.environ['OMP_NUM_THREADS']} {arguments['x']}")
 
+def memory(arguments, out, threads, progress):
+    (out / "trim").write_text(os.environ.get("MALLOC_TRIM_THRESHOLD_", "its own"))
+
 def segfault(arguments, out, threads, progress):
     ctypes.string_at(0)
 
@@ -81,6 +84,14 @@ def test_a_stage_gets_its_arguments_and_threads_and_its_output_goes_to_the_log(
     status = read(work.status)
     assert status is not None
     assert (status.done, status.total, status.note) == (3, 3, "step 3")
+
+
+def test_a_stage_does_not_inherit_how_dask_has_its_workers_give_memory_back(
+    job: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MALLOC_TRIM_THRESHOLD_", "65536")
+    run(job("memory"))
+    assert (tmp_path / "trim").read_text() == "its own"
 
 
 @pytest.mark.parametrize(

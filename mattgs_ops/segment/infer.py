@@ -68,8 +68,8 @@ def segment(
         progress(len(rows), len(capture.views), f"masks by {source}")
 
     if network is not None:
-        for view, soft in _soft_maps(capture, network):
-            keep(view, soft, _binary(read_photo(view), soft, config))
+        for view, photo, soft in _soft_maps(capture, network):
+            keep(view, soft, _binary(photo, soft, config))
     else:
         for view in capture.views:
             mask = _without_network(view, source)
@@ -139,12 +139,12 @@ def read_photo(view: View) -> NDArray[np.uint8]:
 
 def _soft_maps(
     capture: PreparedCapture, network: SaliencyNetwork
-) -> Iterator[tuple[View, SoftMap]]:
+) -> Iterator[tuple[View, NDArray[np.uint8], SoftMap]]:
     for start in range(0, len(capture.views), network.batch):
         views = capture.views[start : start + network.batch]
         photos = [read_photo(view) for view in views]
         maps = network.soft_maps(photos, [view.name for view in views])
-        yield from zip(views, maps, strict=True)
+        yield from zip(views, photos, maps, strict=True)
 
 
 def _binary(photo: NDArray[np.uint8], soft: SoftMap, config: SegmentConfig) -> Mask:

@@ -13,7 +13,7 @@ from reports.figures import budgets as budget_figures
 from reports.figures import mask_sheets, photos, pictures, plots, trade_off
 from reports.figures.pictures import Gallery
 from reports.figures.plots import Saved
-from reports.page import page
+from reports.page import page, unchanged
 from reports.rows.budgets import largest
 from reports.rows.clock import clock_notes
 from reports.rows.doubts import warnings
@@ -24,6 +24,7 @@ from reports.tables.notes import haze_notes
 from reports.tables.side_tables import BUDGETS, all_tables
 
 LARGEST = "Verdicts, pictures and training curves are those of each condition's largest budget."
+PAGE = "report.html"
 FORMATS = {"md": formats.markdown, "tex": latex.latex, "csv": formats.csv}
 
 
@@ -47,8 +48,20 @@ def build(
     ``baselines`` are the rows of the promoted runs, which are marked and compared with. ``values``
     are the paper's own; None: those that come with the project. ``notes`` are sentences that a
     reader must know; ``planned`` says how many experiments there are to be, None: as many as
-    rows. Raises :class:`InputError` for rows that do not say which cell they belong to.
+    rows. A report that lies there as it would come out is left alone (``unchanged.py``). Raises
+    :class:`InputError` for rows that do not say which cell they belong to.
     """
+    printed: dict[str, Any] = {
+        "title": title,
+        "summary": summary,
+        "notes": notes,
+        "planned": planned,
+    }
+    printed |= {"baselines": list(baselines), "values": repr(values)}
+    made_of = unchanged.recipe(rows, artifacts_root, printed)
+    path = out / PAGE
+    if unchanged.holds(out, made_of):
+        return path
     rows = promoted.mark(rows, baselines)
     wrong = problems(rows)
     good = refused(rows)
@@ -91,8 +104,8 @@ def build(
     missing = [*wrong, *pictures.missing_pictures(galleries)]
     words = _markdown(title, line, warned, judged, notes, tables, first, drawn, missing, out)
     _write(out / "report.md", words)
-    path = out / "report.html"
     _write(path, html)
+    unchanged.note(out, made_of)
     return path
 
 

@@ -2,7 +2,7 @@
 
 ꟻLIP models what a viewer sees who flips between rendering and truth: colour differences, edges and
 points, each filtered by what an eye resolves at a distance. No weights, no training. Its authors'
-library, ``flip-evaluator``, is the reference that a test compares with; it takes ten times as long.
+library, ``flip-evaluator``, is the reference that a test compares with; it takes six times as long.
 Filters are applied as rows and columns, in float32, as the library does; outside the frame the
 outermost pixel goes on.
 

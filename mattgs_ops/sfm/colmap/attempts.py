@@ -5,64 +5,28 @@ Runs in the worker process. Every step up from the usual way is recorded as a fa
 
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mattgs_ops.config import SfmConfig
+from mattgs_ops.capture.camera import Camera
 from mattgs_ops.errors import StageError
 from mattgs_ops.progress import Progress
-from mattgs_ops.sfm.colmap import features, guided_matching, mapping, matching
+from mattgs_ops.sfm.colmap import features, mapping, matching
 from mattgs_ops.sfm.colmap.features import Features
+from mattgs_ops.sfm.colmap.guided_matching import Guide
 from mattgs_ops.sfm.colmap.job import DATABASE_FILE, KEYPOINTS_FILE, MODEL_FOLDER, Answer, Job
 from mattgs_ops.sfm.colmap.matching import Matches, Pair, Verified, partners
+from mattgs_ops.sfm.colmap.steps import UNITS, Attempt
 from mattgs_ops.sfm.lost_views import MOST_VIEWS
 
-# Each step's share of the work, for one bar over all of them (measured at 72 views, 800×600)
-SHARES = {"extract": 0.3, "match": 0.3, "map": 0.23, "guide": 0.13, "triangulate": 0.04}
-UNITS = 1000
-
 Pairs = dict[Pair, Verified]
-Rows = list[NDArray[np.int64]]
-
-
-@dataclass
-class Attempt:
-    """An attempt under way: its settings, what it says outside, what it remembers."""
-
-    job: Job
-    config: SfmConfig
-    answer: Answer
-    progress: Progress
-    start: float = 0.0
-    thorough: bool = False  # key points by COLMAP's slower SIFT
-
-    @property
-    def folder(self) -> Path:
-        """Where the worker's files go."""
-        return Path(self.job.workspace)
-
-    @contextmanager
-    def step(self, name: str) -> Iterator[None]:
-        """Time a step and move the bar to its start."""
-        began, worked = time.perf_counter(), time.process_time()
-        steps = list(SHARES)
-        self.start = sum(SHARES[s] for s in steps[: steps.index(name)])
-        yield
-        for seconds, spent in (
-            (self.answer.seconds, time.perf_counter() - began),
-            (self.answer.cpu_seconds, time.process_time() - worked),
-        ):
-            seconds[name] = seconds.get(name, 0.0) + spent
-
-    def report(self, name: str, done: int, total: int, note: str) -> None:
-        """Report ``done`` of ``total`` units of a step."""
-        units = round(UNITS * (self.start + SHARES[name] * done / max(total, 1)))
-        self.progress(units, UNITS, f"{name}: {note}")
+Rows = list[NDArray[np.int64]]  # some of each view's key points
+Sets = dict[str, Rows]
 
 
 def run(job: Job, progress: Progress) -> Answer:
@@ -168,7 +132,7 @@ def _write_keypoints(state: Attempt, found: Sequence[Features]) -> None:
     )
 
 
-def _sets(found: Sequence[Features], mode: str) -> dict[str, list[NDArray[np.int64]]]:
+def _sets(found: Sequence[Features], mode: str) -> Sets:
     """Return the sets of key points that a mode matches, as rows of each view's key points."""
     whole = [np.flatnonzero(f.whole) for f in found]
     masked = [np.flatnonzero(f.masked) for f in found]
@@ -185,7 +149,7 @@ def _match(state: Attempt, found: Sequence[Features], cameras: Sequence[Any]) ->
     name, rows = next(iter(_sets(found, answer.mode).items()))
     descriptors = [f.descriptors[r] for f, r in zip(found, rows, strict=True)]
     with state.step("match"):
-        pairs = matching.choose_pairs(descriptors, config)
+        pairs = matching.choose_pairs(descriptors, config, job.threads)
         out = matching.match_and_verify(
             pairs,
             descriptors,
@@ -209,27 +173,51 @@ def _match(state: Attempt, found: Sequence[Features], cameras: Sequence[Any]) ->
     return out
 
 
-def _guide(
-    state: Attempt, found: Sequence[Features], model: Any, name: str, rows: Rows
-) -> dict[Pair, Matches]:
-    """Match a set of key points along the epipolar lines of known poses."""
-    with state.step("guide"):
-        posed, job = mapping.posed(model), state.job
-        cameras = {n: camera for n, camera in posed.items() if not job.views[n].held_out}
-        pairs = matching.facing(cameras)
-        out = guided_matching.match_guided(
-            pairs,
-            [f.descriptors[r] for f, r in zip(found, rows, strict=True)],
-            rows,
-            {n: mapping.rays_of(model, n, found[n].positions[rows[n]]) for n in cameras},
-            cameras,
-            state.job.threads,
-            lambda done, total, note: state.report("guide", done, total, note),
-        )
-    name = f"{name} guided"
-    state.answer.pairs[name] = len(pairs)
-    state.answer.matches[name] = sum(map(len, out.values()))
-    return out
+class Guides:
+    """The sets of key points that are matched along the epipolar lines of a model's poses."""
+
+    def __init__(
+        self, state: Attempt, found: Sequence[Features], sets: Sets, helpers: Executor | None
+    ) -> None:
+        self.state, self.found, self.sets = state, found, sets
+        self.guides = {
+            name: Guide([f.descriptors[r] for f, r in zip(found, rows, strict=True)], rows, helpers)
+            for name, rows in sets.items()
+        }
+
+    def see(self, model: Any) -> None:
+        """Take the poses of a growing model."""
+        for name, guide in self.guides.items():
+            guide.see(*self._training_views(model, self.sets[name]))
+
+    def settle(self, models: Sequence[Any]) -> None:
+        """Take the last poses of the first of ``models``; alone, it is the one that was seen."""
+        for name, guide in self.guides.items():
+            views = self._training_views(models[0], self.sets[name])
+            guide.settle(*views, same=len(models) == 1)
+
+    def finish(self) -> Iterator[dict[Pair, Matches]]:
+        """Yield each set's matches."""
+        state, answer = self.state, self.state.answer
+        for name, guide in self.guides.items():
+            with state.step("guide", guide.spent):
+                out = guide.finish(lambda *told: state.report("guide", *told))
+            answer.pairs[f"{name} guided"] = guide.pairs
+            answer.matches[f"{name} guided"] = sum(map(len, out.values()))
+            yield out
+
+    def _training_views(
+        self, model: Any, rows: Rows
+    ) -> tuple[dict[int, Camera], dict[int, NDArray[np.float64]]]:
+        """Return a model's training views and the rays of their key points ``rows``."""
+        views, found = self.state.job.views, self.found
+        cameras = {n: c for n, c in mapping.posed(model).items() if not views[n].held_out}
+        return cameras, {n: mapping.rays_of(model, n, found[n].positions[rows[n]]) for n in cameras}
+
+
+def _helpers(threads: int) -> AbstractContextManager[Executor | None]:
+    """Return the threads that work beside this one."""
+    return ThreadPoolExecutor(threads - 1) if threads > 1 else nullcontext()
 
 
 def _reconstruct(state: Attempt, found: Sequence[Features]) -> Any:
@@ -242,17 +230,21 @@ def _reconstruct(state: Attempt, found: Sequence[Features]) -> Any:
     options = mapping.pipeline_options(state.config, intrinsics_known=known)
     sets = _sets(found, mode)
     matches: dict[Pair, Matches] = {}
-    if job.poses_known:
-        model = mapping.with_poses(job.views, cameras)
-    else:
-        pairs = _match(state, found, cameras)
-        mapping.write_database(database, job.views, cameras, positions, pairs)
-        model = _map(state, database, photos, options, known=known)
-        held_out = [view.held_out for view in job.views]
-        matches = {p: v.matches for p, v in pairs.items() if not any(held_out[n] for n in p)}
-        sets.pop(next(iter(sets)))  # matched already
-    for name, rows in sets.items():
-        matches = matching.merged(matches, _guide(state, found, model, name, rows))
+    with _helpers(job.threads) as helpers:
+        if job.poses_known:
+            model = mapping.with_poses(job.views, cameras)
+            guides = Guides(state, found, sets, helpers)
+            guides.settle([model])
+        else:
+            pairs = _match(state, found, cameras)
+            sets.pop(next(iter(sets)))  # matched already
+            held_out = [view.held_out for view in job.views]
+            matches = {p: v.matches for p, v in pairs.items() if not any(held_out[n] for n in p)}
+            mapping.write_database(database, job.views, cameras, positions, pairs)
+            guides = Guides(state, found, sets, helpers)
+            model = _map(state, database, photos, options, guides, known=known)
+        for more in guides.finish():
+            matches = matching.merged(matches, more)
     if not matches:
         state.answer.fallbacks.append("no pair of views matches along epipolar lines")
         return model
@@ -263,9 +255,12 @@ def _reconstruct(state: Attempt, found: Sequence[Features]) -> Any:
         return mapping.triangulate(model, database, photos, out, options)
 
 
-def _map(state: Attempt, database: Path, photos: Path, options: Any, *, known: bool) -> Any:
+def _map(
+    state: Attempt, database: Path, photos: Path, options: Any, guides: Guides, *, known: bool
+) -> Any:
     views, out = len(state.job.views), state.folder / "mapped"
-    with state.step("map"):
+    # this thread's seconds alone: helpers match meanwhile
+    with state.step("map", time.thread_time):
         if state.config.mapper == "global":
             state.report("map", 0, 1, "globally")
             models = mapping.global_(database, photos, out, state.config, known=known)
@@ -277,8 +272,10 @@ def _map(state: Attempt, database: Path, photos: Path, options: Any, *, known: b
                 options,
                 views,
                 lambda n: state.report("map", n, views, f"{n} of {views} views registered"),
+                guides.see,
             )
         if models:
+            guides.settle(models)
             mapping.adjust(models[0], intrinsics_known=known)
     if not models:
         raise StageError(

@@ -5,16 +5,19 @@ chapter 9). Lowe's ratio test compares the best partner with others *near that l
 and small structures pass it there, and fail it over the whole photo. Worker process only.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+import time
+from collections.abc import Callable, Mapping, Sequence, Set
+from concurrent.futures import Executor, Future
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mattgs_ops.capture.camera import Camera
-from mattgs_ops.sfm.colmap.matching import Matches, Pair, numbered, passes_ratio_test
+from mattgs_ops.sfm.colmap.matching import Matches, Pair, facing, numbered, passes_ratio_test
 
 Array = NDArray[np.float64]
+Job = Callable[[], tuple[Matches, float]]  # matches a pair; see ``match_pair``
 BAND = 2.0  # pixels beside the line; COLMAP calls twice as much an inlier
 OUT_OF_BAND = -1.0  # below every product of descriptors
 BLOCK = 128  # rows at a time: what belongs to them stays in the processor's cache
@@ -103,39 +106,111 @@ def nearest_of(
     return out
 
 
-def match_guided(
-    pairs: Sequence[Pair],
+def match_pair(
+    pair: Pair,
     descriptors: Sequence[NDArray[np.uint8]],
     rows: Sequence[NDArray[np.int64]],
     rays: Mapping[int, Array],
     cameras: Mapping[int, Camera],
-    threads: int,
-    progress: Callable[[int, int, str], None],
-) -> dict[Pair, Matches]:
-    """Match pairs of posed views; the same for any ``threads``.
+) -> tuple[Matches, float]:
+    """Match two posed views; returns the matches and the processor seconds they took.
 
     Per view, ``descriptors`` [S, 128] and ``rays`` [S, 2] (normalised image plane, without
     distortion) belong to the key points ``rows`` [S] of all its key points; matches are numbered
-    among all. Pairs without matches are left out.
+    among all.
+    """
+    began = time.thread_time()
+    i, j = pair
+    matrix = essential(cameras[i], cameras[j])
+    across, here = (BAND / min(c.intrinsics.fx, c.intrinsics.fy) for c in (cameras[j], cameras[i]))
+    near = near_lines(matrix, rays[i], rays[j], (across, here))
+    found = numbered(match_near_lines(descriptors[i], descriptors[j], near), rows[i], rows[j])
+    return found, time.thread_time() - began
+
+
+class Guide:
+    """Matches pairs of views as soon as their poses are known, beside whatever its caller does.
+
+    ``see`` takes the poses of a model that still grows: the views that were in it at the last call
+    too have been adjusted together since, and their pairs are matched with the poses of that
+    moment. ``settle`` takes the poses at the end, for all pairs that are left. ``finish`` returns
+    the matches. ``helpers`` match from the first call on, and the caller's own thread joins them in
+    ``finish``. Which poses a pair is matched with does not depend on them, nor do the matches.
     """
 
-    def one(pair: Pair) -> Matches:
-        i, j = pair
-        matrix = essential(cameras[i], cameras[j])
-        across, here = (
-            BAND / min(c.intrinsics.fx, c.intrinsics.fy) for c in (cameras[j], cameras[i])
-        )
-        near = near_lines(matrix, rays[i], rays[j], (across, here))
-        return numbered(match_near_lines(descriptors[i], descriptors[j], near), rows[i], rows[j])
+    def __init__(
+        self,
+        descriptors: Sequence[NDArray[np.uint8]],
+        rows: Sequence[NDArray[np.int64]],
+        helpers: Executor | None = None,
+    ) -> None:
+        """See ``match_pair`` for ``descriptors`` and ``rows`` of all views."""
+        self.descriptors, self.rows = descriptors, rows
+        self._spent = 0.0
+        self._helpers = helpers
+        self._jobs: dict[Pair, Job] = {}
+        self._begun: dict[Pair, Future[tuple[Matches, float]]] = {}
+        self._seen: set[int] = set()
 
-    out: dict[Pair, Matches] = {}
-    total = 0
-    with ThreadPoolExecutor(threads) as pool:
-        for done, (pair, matches) in enumerate(
-            zip(pairs, pool.map(one, pairs), strict=True), start=1
-        ):
-            if len(matches):
-                out[pair] = matches
-            total += len(matches)
-            progress(done, len(pairs), f"{total} matches in {done} pairs along epipolar lines")
-    return out
+    def see(self, cameras: Mapping[int, Camera], rays: Mapping[int, Array]) -> None:
+        """Take the poses of a growing model; one without views of the last is another model."""
+        if not self._seen <= cameras.keys():
+            self._keep(set())
+            self._seen = set()
+        self._add(self._seen & cameras.keys(), cameras, rays)
+        self._seen = set(cameras)
+
+    def settle(
+        self, cameras: Mapping[int, Camera], rays: Mapping[int, Array], *, same: bool = True
+    ) -> None:
+        """Take the last poses; ``same``: of the model whose earlier poses were seen."""
+        self._keep(set(cameras) if same else set())
+        self._add(set(cameras), cameras, rays)
+
+    def finish(self, progress: Callable[[int, int, str], None]) -> dict[Pair, Matches]:
+        """Return the matches of all pairs that have some, sorted by pair."""
+        done: dict[Pair, tuple[Matches, float]] = {}
+        total = 0
+
+        def add(pair: Pair, result: tuple[Matches, float]) -> None:
+            nonlocal total
+            done[pair] = result
+            total += len(result[0])
+            note = f"{total} matches in {len(done)} pairs along epipolar lines"
+            progress(len(done), len(self._jobs), note)
+
+        for pair in reversed(self._jobs):  # helpers come from the front
+            begun = self._begun.get(pair)
+            if begun is None or begun.cancel():
+                add(pair, self._jobs[pair]())
+        for pair in [pair for pair in self._jobs if pair not in done]:
+            add(pair, self._begun[pair].result())
+        self._spent = sum(seconds for _, seconds in done.values())
+        return {pair: done[pair][0] for pair in sorted(done) if len(done[pair][0])}
+
+    @property
+    def pairs(self) -> int:
+        """How many pairs are matched or to be matched."""
+        return len(self._jobs)
+
+    def spent(self) -> float:
+        """Return the processor seconds of all matching, helpers' as well; 0 until it is done."""
+        return self._spent
+
+    def _add(
+        self, views: Set[int], cameras: Mapping[int, Camera], rays: Mapping[int, Array]
+    ) -> None:
+        for pair in facing({view: cameras[view] for view in views}):
+            if pair in self._jobs:
+                continue
+            job = partial(match_pair, pair, self.descriptors, self.rows, rays, cameras)
+            self._jobs[pair] = job
+            if self._helpers is not None:
+                self._begun[pair] = self._helpers.submit(job)
+
+    def _keep(self, views: Set[int]) -> None:
+        """Forget the pairs of other views."""
+        for pair in [pair for pair in self._jobs if not views >= set(pair)]:
+            del self._jobs[pair]
+            if pair in self._begun:
+                self._begun.pop(pair).cancel()

@@ -3,6 +3,7 @@
 One thread and one seed: mapping several images at once is faster but not reproducible.
 """
 
+import shutil
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,8 @@ ROBUST_SCALE = 0.5
 # All views are adjusted anew whenever a model has grown by this factor; COLMAP's own is 1.1. On the
 # bundled captures a quarter of the mapping's time goes, and no pose moves by a tenth of its error
 GROWTH_OF_MODEL = 1.3
+# A growing model is shown this often on its way to all views, and never more than every third view
+GLANCES = 8
 CONVERGED = 1e-6  # relative change of the cost: Ceres' own default, COLMAP's is none
 
 
@@ -136,14 +139,19 @@ def incremental(
     options: Any,
     views: int,
     progress: Callable[[int], None],
+    see: Callable[[Any], None],
 ) -> list[Any]:
     """Map incrementally (Schönberger & Frahm 2016); returns the models, largest first.
 
-    ``progress`` is called with the number of views registered so far.
+    ``progress`` is called with the number of views registered so far, ``see`` with the growing
+    model whenever it has gained some views, at the same moments in every run.
     """
     import pycolmap
 
-    out.mkdir(parents=True, exist_ok=True)
+    snapshots = out / "growing"
+    snapshots.mkdir(parents=True, exist_ok=True)
+    options.snapshot_path = snapshots
+    options.snapshot_frames_freq = max(SMALLEST_MODEL, views // GLANCES)
     count = 0
 
     def start() -> None:
@@ -155,6 +163,9 @@ def incremental(
         nonlocal count
         count = min(count + 1, views)
         progress(count)
+        for folder in list(snapshots.iterdir()):
+            see(pycolmap.Reconstruction(folder))
+            shutil.rmtree(folder)
 
     models = pycolmap.incremental_mapping(database, photos, out, options, "", start, following)
     return _largest_first(models)

@@ -53,7 +53,9 @@ def sequential(views: int) -> list[Pair]:
     return [(i, i + d) for i in range(views) for d in steps if i + d < views]
 
 
-def most_similar(descriptors: Sequence[NDArray[np.uint8]], count: int) -> list[Pair]:
+def most_similar(
+    descriptors: Sequence[NDArray[np.uint8]], count: int, threads: int = 1
+) -> list[Pair]:
     """Return each view's pairs with the ``count`` views most similar to it, without a vocabulary.
 
     Only the largest-scale features are compared, so that all pairs of hundreds of views cost
@@ -61,8 +63,11 @@ def most_similar(descriptors: Sequence[NDArray[np.uint8]], count: int) -> list[P
     """
     small = [d[:PREVIEW_FEATURES] for d in descriptors]  # sorted by scale
     votes = np.zeros((len(small), len(small)), dtype=np.int64)
-    for i, j in exhaustive(len(small)):
-        votes[i, j] = votes[j, i] = len(match(small[i], small[j]))
+    compared = exhaustive(len(small))
+    with ThreadPoolExecutor(threads) as pool:
+        counts = pool.map(lambda pair: len(match(small[pair[0]], small[pair[1]])), compared)
+        for (i, j), matches in zip(compared, counts, strict=True):
+            votes[i, j] = votes[j, i] = matches
     pairs = set()
     for i, row in enumerate(votes):
         best = np.argsort(-row, kind="stable")[:count]
@@ -78,10 +83,13 @@ def facing(cameras: Mapping[int, Camera]) -> list[Pair]:
     return [(i, j) for i, j in pairs if sight[i] @ sight[j] >= least]
 
 
-def choose_pairs(descriptors: Sequence[NDArray[np.uint8]], config: SfmConfig) -> list[Pair]:
+def choose_pairs(
+    descriptors: Sequence[NDArray[np.uint8]], config: SfmConfig, threads: int = 1
+) -> list[Pair]:
     """Return the pairs of unposed views to compare, (i, j) with i < j, sorted.
 
     ``auto`` takes more than ``similar_limit`` views for a sequence: a walk, or a video's frames.
+    The same for any ``threads``.
     """
     views, matcher = len(descriptors), config.matcher
     if matcher == "auto" and views <= config.similar_limit:
@@ -89,8 +97,8 @@ def choose_pairs(descriptors: Sequence[NDArray[np.uint8]], config: SfmConfig) ->
     if matcher == "exhaustive":
         return exhaustive(views)
     if matcher == "spatial":
-        return most_similar(descriptors, SIMILAR_ALONE)
-    return sorted({*sequential(views), *most_similar(descriptors, SIMILAR_BESIDE)})
+        return most_similar(descriptors, SIMILAR_ALONE, threads)
+    return sorted({*sequential(views), *most_similar(descriptors, SIMILAR_BESIDE, threads)})
 
 
 def match(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> Matches:

@@ -14,6 +14,10 @@ Where votes score at least as well, they are the masks, even against a view's ow
 view's own map is corrected, not replaced: the average of own map, silhouettes and votes, weighted
 by their agreement; and not even that where the photos' edges are against it.
 
+Each splat's vote counts from the mean vote on that meets the maps best, but masks are made of a
+quarter of the votes: most maps miss more than they invent. Where half of the votes meet maps best,
+it is these masks whose agreement counts; but not where ground was cut away, which maps take along.
+
 Parts attached to the object (``attached_parts``) join where they are few and where the photos
 confirm their outlines; many join where they have the object's colours, too. Both decisions are for
 the capture. A single view keeps the averaged mask if its photo does not confirm the voted outline
@@ -140,8 +144,12 @@ def decide(
         joins = confirmed["attached"] >= confirmed["votes"]
         joins = joins and surely_larger(alike, [HALF] * len(alike))
     voted = votes.with_parts if joins else votes.certain
-    objection = _objection(outline_agreement, votes_agreement, confirmed)
     with_parts = overlaps(own, voted)
+    if votes.level >= HALF and votes.place.ground is None:
+        votes_agreement = float(
+            np.mean([with_parts[k] for k in deciding if (own[k] >= HALF).any()] or [0.0])
+        )
+    objection = _objection(outline_agreement, votes_agreement, confirmed)
     strange = _unlike_trained(with_parts, by_outline, deciding)
     sources = [
         _source(objection, *view)

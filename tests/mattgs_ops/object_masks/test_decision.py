@@ -1,5 +1,7 @@
 """Every way in which votes and maps can be weighed against each other."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -67,6 +69,21 @@ def test_outlines_through_even_ground_are_not_believed() -> None:
     assert found.masks == "maps"
     assert found.votes == found.silhouettes
     assert found.confirmed["votes"] < found.confirmed["maps"]
+
+
+@pytest.mark.parametrize("level", [0.375, 0.5])
+def test_where_half_of_the_votes_meet_maps_best_what_is_delivered_must_meet_them(
+    level: float,
+) -> None:
+    """A quarter of the votes is for a plate under the ball, whose rim is an edge of the photo."""
+    plates = [grown(t, 10) for t in TRUTHS]
+    shades = [110 * plate + 110 * ball for plate, ball in zip(plates, TRUTHS, strict=True)]
+    pictures = [np.repeat(shade.astype(np.uint8)[..., None], 3, axis=2) for shade in shades]
+    met = Silhouettes(TRUTHS, [0.9] * VIEWS, 1.0)
+    split = replace(votes(TRUTHS, plates), level=level, agreement=[0.95] * VIEWS)
+    found, maps = decide(NAMES, pictures, TRUTHS, met, split)
+    assert found.masks == ("maps" if level == 0.5 else "votes")
+    assert (iou(maps[0] >= 0.5, TRUTHS[0] >= 0.5) > 0.9) is (level == 0.5)
 
 
 @pytest.mark.parametrize(("pixels", "kept"), [(0, True), (12, False)])

@@ -73,7 +73,20 @@ def attached(
     ``certain``: the votes say so; ``solid``: opaque enough, and seen; ``raised``: above the ground;
     ``distances`` from the object's middle, in its radii.
     """
-    return _found(splats, certain, solid, raised & (distances < FAR), distances, parts_join=True)
+    index = np.flatnonzero(solid & (distances < FAR + RIM))
+    allowed = raised & (distances < FAR)
+    if not (certain & allowed)[index].any():
+        return certain & allowed
+    means = splats.means.numpy().astype(np.float64)
+    touches = touching(means[index], spreads(splats)[index])
+    chosen = grown(touches, (certain & allowed)[index], allowed[index], distances[index])
+    belongs = np.zeros(len(means), dtype=np.bool_)
+    belongs[index] = chosen.core | chosen.joined
+    faint = np.setdiff1d(np.flatnonzero(allowed), index)
+    nearest = cKDTree(means[index]).query(means[faint])[1]
+    dropped = (certain & allowed)[index] & ~chosen.core
+    belongs[faint] = chosen.joined[nearest] | (certain[faint] & ~dropped[nearest])
+    return belongs
 
 
 def without_stranded(splats: Splats, certain: Flags, solid: Flags, distances: Floats) -> Flags:
@@ -81,32 +94,7 @@ def without_stranded(splats: Splats, certain: Flags, solid: Flags, distances: Fl
 
     For an object whose ground is not cut away: on it parts would join without end.
     """
-    return _found(splats, certain, solid, distances < FAR, distances, parts_join=False)
-
-
-def _found(
-    splats: Splats,
-    certain: Flags,
-    solid: Flags,
-    allowed: Flags,
-    distances: Floats,
-    *,
-    parts_join: bool,
-) -> Flags:
-    index = np.flatnonzero(solid & (distances < FAR + RIM))
-    if not (certain & allowed)[index].any():
-        return certain & allowed
-    means = splats.means.numpy().astype(np.float64)
-    touches = touching(means[index], spreads(splats)[index])
-    chosen = grown(touches, (certain & allowed)[index], allowed[index], distances[index])
-    joined = chosen.joined if parts_join else np.zeros_like(chosen.joined)
-    belongs = np.zeros(len(means), dtype=np.bool_)
-    belongs[index] = chosen.core | joined
-    faint = np.setdiff1d(np.flatnonzero(allowed), index)
-    nearest = cKDTree(means[index]).query(means[faint])[1]
-    dropped = (certain & allowed)[index] & ~chosen.core
-    belongs[faint] = joined[nearest] | (certain[faint] & ~dropped[nearest])
-    return belongs
+    return attached(splats, certain, solid, certain, distances)
 
 
 @dataclass(frozen=True)

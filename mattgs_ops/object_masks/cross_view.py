@@ -14,7 +14,7 @@ and their own map and photo, and change nothing else. The scene's
 """
 
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -30,7 +30,7 @@ from mattgs_ops.capture.masks import Mask, SoftMap, clean, mask_name, quality, t
 from mattgs_ops.capture.scene import PreparedCapture, Scene, View
 from mattgs_ops.errors import StageError
 from mattgs_ops.object_masks import silhouettes, splat_votes
-from mattgs_ops.object_masks.decision import Decision, decide
+from mattgs_ops.object_masks.decision import Decision, ViewEvidence, decide
 from mattgs_ops.object_masks.ground_plane import Plane
 from mattgs_ops.object_masks.photo_colours import ColourEvidence, ask_colours, by_colours
 from mattgs_ops.object_masks.photo_edges import surely_larger, to_photo_edges
@@ -79,30 +79,26 @@ def agree(
     photos = [_photo(view, camera) for view, camera in zip(views, shown, strict=True)]
     names, own = [view.name for view in views], _shrunk(maps, shown)
     points = scene.points().xyz.astype(np.float64)
+    ballot = splat_votes.collect(splats, voting, maps, points, trained=trained, threads=threads)
 
     def judged(*, cut_ground: bool = True, half_needed: bool = False) -> _Judged:
-        votes = splat_votes.collect(
-            splats,
-            voting,
-            shown,
-            maps,
-            points,
-            trained=trained,
-            cut_ground=cut_ground,
-            half_needed=half_needed,
-            threads=threads,
-        )
+        votes = ground = None
+        if ballot is not None:
+            ground = ballot.place.ground
+            votes = splat_votes.masks_of(
+                ballot, shown, cut_ground=cut_ground, half_needed=half_needed, threads=threads
+            )
         decision, agreed = decide(names, photos, own, outlines, votes, trained)
-        ground = None if votes is None else votes.place.ground
         return _Judged(decision, agreed, ground, cut_ground and ground is not None, half_needed)
 
     found = judged()
     if found.maps_invent:
         strict = judged(half_needed=True)
-        found = strict if _better_witnessed(strict.decision, found.decision, trained) else found
+        found = strict if _better(strict, found, trained, _meets_both) else found
     if found.cut_in_doubt:
         without = judged(cut_ground=False, half_needed=found.half_needed)
-        found = without if _better_confirmed(without.decision, found.decision, trained) else found
+        believed = without.decision.masks == "votes"
+        found = without if believed and _better(without, found, trained, _on_edges) else found
     colours = ask_colours(photos, own, found.maps, trained)
     soft = found.maps
     if colours and colours.used:
@@ -142,28 +138,27 @@ class _Judged:
         return self.ground_cut and confirmed[kept] < confirmed["maps"]
 
 
-def _better_confirmed(first: Decision, second: Decision, trained: Sequence[bool]) -> bool:
-    """Whether the first decision believes votes whose outlines lie on edges more, view by view."""
-    if first.masks != "votes":
-        return False
-    shares = [
-        [one.confirmed or 0.0 for one, use in zip(decision.views, trained, strict=True) if use]
-        for decision in (first, second)
+def _better(
+    first: _Judged,
+    second: _Judged,
+    trained: Sequence[bool],
+    worth: Callable[[ViewEvidence], float],
+) -> bool:
+    """Whether the first votes are surely worth more than the second ones, view by view."""
+    worths = [
+        [worth(view) for view, use in zip(one.decision.views, trained, strict=True) if use]
+        for one in (first, second)
     ]
-    return surely_larger(*shares)
+    return surely_larger(*worths)
 
 
-def _better_witnessed(first: Decision, second: Decision, trained: Sequence[bool]) -> bool:
-    """Whether the first votes meet the photos' maps and edges together more, view by view."""
-    products = [
-        [
-            (one.with_parts or 0.0) * (one.confirmed or 0.0)
-            for one, use in zip(decision.views, trained, strict=True)
-            if use
-        ]
-        for decision in (first, second)
-    ]
-    return surely_larger(*products)
+def _on_edges(view: ViewEvidence) -> float:
+    return view.confirmed or 0.0
+
+
+def _meets_both(view: ViewEvidence) -> float:
+    """Return how well votes meet the photo's map and its edges together."""
+    return (view.with_parts or 0.0) * _on_edges(view)
 
 
 def _decision_record(found: _Judged, colours: ColourEvidence | None) -> dict[str, Any]:

@@ -67,26 +67,40 @@ class Votes:
     place: Place
 
 
+@dataclass(frozen=True)
+class Ballot:
+    """The views' votes on the splats, and what others' votes predict; masks follow in several ways.
+
+    ``voters`` are the cameras of the views that are trained on, at the size for voting, ``direct``
+    [N] the mean votes of the photos' own maps, ``weights`` [N] how much views see of each splat.
+    The rest is as in :class:`Votes`.
+    """
+
+    splats: Splats
+    voters: list[Camera]
+    direct: Floats
+    weights: Floats
+    place: Place
+    predicted: list[SoftMap]
+    agreement: list[float]
+    soft_agreement: list[float]
+    level: float
+
+
 def collect(
     splats: Splats,
     voting: Sequence[Camera],
-    shown: Sequence[Camera],
     maps: Sequence[SoftMap],
     points: NDArray[np.float64] | None = None,
     *,
     trained: Sequence[bool] | None = None,
-    cut_ground: bool = True,
-    half_needed: bool = False,
     threads: int = 1,
-) -> Votes | None:
+) -> Ballot | None:
     """Let the views vote; None where no splat is salient to them.
 
-    ``voting`` are the views' cameras at the size for voting, ``shown`` at the size of the masks.
-    ``maps`` [H, W] in [0, 1], of any size; views whose map shows nothing, and those that are not
-    ``trained`` on (None: all are), do not vote and get the others' masks. Without ``cut_ground``
-    what lies on the ground is object where the votes say so. ``points`` [P, 3] are triangulated
-    ones: the ground is sought among them first. With ``half_needed`` the second round
-    asks for half of the first one's votes instead of a quarter.
+    ``voting`` are the views' cameras at the size for voting. ``maps`` [H, W] in [0, 1], of any
+    size; views whose map shows nothing, and those that are not ``trained`` on (None: all are), do
+    not vote. ``points`` [P, 3] are triangulated ones: the ground is sought among them first.
     """
     trained = trained or [True] * len(maps)
     can_vote = [bool((m >= CERTAIN).any()) and use for m, use in zip(maps, trained, strict=True)]
@@ -95,25 +109,39 @@ def collect(
     if not voting_maps:
         return None
     answers = tally(splats, voters, voting_maps, threads=threads)
-    weights = answers.weight.sum(axis=0)
+    direct, weights = answers.labels(), answers.weight.sum(axis=0)
     around = [camera for camera, use in zip(voting, trained, strict=True) if use]
-    place = locate(splats, answers.labels(), weights, around, points)
+    place = locate(splats, direct, weights, around, points)
     if place is None:
         return None
-    predicted, firm, soft, level = _by_others(
-        splats, voting, maps, can_vote, answers, place, threads
-    )
-    direct = answers.labels()
-    labels = without_ground(splats, direct, place) if cut_ground else direct
+    by_others = _by_others(splats, voting, maps, can_vote, answers, place, threads)
+    return Ballot(splats, around, direct, weights, place, *by_others)
+
+
+def masks_of(
+    ballot: Ballot,
+    shown: Sequence[Camera],
+    *,
+    cut_ground: bool = True,
+    half_needed: bool = False,
+    threads: int = 1,
+) -> Votes:
+    """Return the maps that follow from the votes, for the cameras ``shown``, of the masks' size.
+
+    Without ``cut_ground`` what lies on the ground is object where the votes say so. With
+    ``half_needed`` the second round asks for half of the first one's votes instead of a quarter.
+    """
+    splats, place, weights = ballot.splats, ballot.place, ballot.weights
+    labels = without_ground(splats, ballot.direct, place) if cut_ground else ballot.direct
     middle = CERTAIN if half_needed else QUARTER
     first = [
         stretched(render_labels(splats, [labels], camera, place, threads=threads)[0], middle)
-        for camera in around
+        for camera in ballot.voters
     ]
-    again = tally(splats, around, first, threads=threads).labels()
+    again = tally(splats, ballot.voters, first, threads=threads).labels()
     voted = without_ground(splats, again, place) if cut_ground else again
     certain = (voted >= CERTAIN).astype(np.float32)
-    joined = with_attached_parts(splats, again, weights, place, direct)
+    joined = with_attached_parts(splats, again, weights, place, ballot.direct)
     if not cut_ground:
         seen, far = solid(splats, weights), distances_from(splats, place)
         whole = without_stranded(splats, certain > 0, seen, far)
@@ -122,7 +150,15 @@ def collect(
         render_labels(splats, [certain, joined], camera, place, threads=threads) for camera in shown
     ]
     of_certain, of_joined = ([maps[k] for maps in by_all] for k in range(2))
-    return Votes(predicted, firm, soft, level, of_certain, of_joined, place)
+    return Votes(
+        ballot.predicted,
+        ballot.agreement,
+        ballot.soft_agreement,
+        ballot.level,
+        of_certain,
+        of_joined,
+        place,
+    )
 
 
 def _by_others(

@@ -15,6 +15,7 @@ from mattgs_ops.object_masks.splat_votes import (
     QUARTER,
     collect,
     locate,
+    masks_of,
     stretched,
     with_attached_parts,
     without_ground,
@@ -182,8 +183,9 @@ def test_what_less_than_half_of_the_maps_invent_goes_where_half_is_needed(
     half_needed: bool,
 ) -> None:
     cameras, (splats, maps) = orbit(), ball_on_a_plate()
-    votes = collect(splats, cameras, cameras, maps, cut_ground=False, half_needed=half_needed)
-    assert votes is not None
+    ballot = collect(splats, cameras, maps)
+    assert ballot is not None
+    votes = masks_of(ballot, cameras, cut_ground=False, half_needed=half_needed)
     assert votes.level == 0.5
     after = [iou(m, truth(c)) for m, c in zip(votes.certain, cameras, strict=True)]
     assert (min(after) > 0.75) is half_needed, after
@@ -193,21 +195,23 @@ def test_views_that_found_nothing_do_not_vote_and_are_shown_the_others_answer() 
     cameras = orbit()
     maps = [truth(camera) for camera in cameras]
     maps[3] = np.zeros_like(maps[3])
-    votes = collect(scene_of_splats(), cameras, cameras, maps)
-    assert votes is not None
+    ballot = collect(scene_of_splats(), cameras, maps)
+    assert ballot is not None
+    votes = masks_of(ballot, cameras)
     assert iou(votes.with_parts[3], truth(cameras[3])) > 0.75
     assert len(votes.agreement) == VIEWS - 1
     assert min(votes.agreement) > 0.7
     nothing = [np.zeros((HEIGHT, WIDTH), np.float32)] * VIEWS
-    assert collect(scene_of_splats(), cameras, cameras, nothing) is None
+    assert collect(scene_of_splats(), cameras, nothing) is None
 
 
 def test_a_view_is_predicted_without_its_own_map() -> None:
     cameras = orbit()
     maps = [truth(camera) for camera in cameras]
     maps[2] = np.ones_like(maps[2])
-    votes = collect(scene_of_splats(), cameras, cameras, maps)
-    assert votes is not None
+    ballot = collect(scene_of_splats(), cameras, maps)
+    assert ballot is not None
+    votes = masks_of(ballot, cameras)
     assert iou(votes.predicted[2], truth(cameras[2])) > 0.75
     assert votes.agreement[2] < 0.3
 

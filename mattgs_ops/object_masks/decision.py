@@ -36,13 +36,7 @@ from numpy.typing import NDArray
 from mattgs_ops.capture.masks import SoftMap
 from mattgs_ops.object_masks.photo_colours import share_alike
 from mattgs_ops.object_masks.photo_edges import edges_near, share_on_edges, surely_larger
-from mattgs_ops.object_masks.silhouettes import (
-    CONTRADICT,
-    HALF,
-    Silhouettes,
-    corrected,
-    overlaps,
-)
+from mattgs_ops.object_masks.silhouettes import CONTRADICT, HALF, Silhouettes, corrected, overlaps
 from mattgs_ops.object_masks.splat_votes import Votes
 
 # Outlines are coarse, and fur has no edge: some of each runs beside the photo's edges. A quarter
@@ -111,12 +105,11 @@ def decide(
     """
     deciding = [index for index in range(len(names)) if trained is None or trained[index]]
     edges = [edges_near(photo) for photo in photos]
-    others = [
-        _resized(soft, mine.shape) for soft, mine in zip(silhouettes.predicted, own, strict=True)
-    ]
+    others = _resized(silhouettes.predicted, own)
     by_outline = overlaps(own, others)
     outline_agreement = silhouettes.mean
-    confirmed = {"maps": _confirmed(own, edges, deciding)}
+    own_on_edges = _shares(own, edges)
+    confirmed = {"maps": _mean(own_on_edges, deciding)}
     if votes is None:
         reason = "no splat is salient to the views"
         views = tuple(
@@ -128,46 +121,42 @@ def decide(
             "maps", reason, outline_agreement, None, None, confirmed, 0.0, False, False, None, views
         )
         return decision, maps
-    by_votes = overlaps(own, votes.certain)
-    votes_agreement = float(np.mean(votes.agreement))
-    confirmed["votes"] = _confirmed(votes.certain, edges, deciding)
-    confirmed["attached"] = _confirmed(votes.with_parts, edges, deciding)
+    certain = _Witnessed.of(votes.certain, own, edges)
+    whole = _Witnessed.of(votes.with_parts, own, edges)
+    confirmed["votes"] = _mean(certain.on_edges, deciding)
+    confirmed["attached"] = _mean(whole.on_edges, deciding)
     attached = max(
         0.0, _area(votes.with_parts, deciding) / max(_area(votes.certain, deciding), 1e-9) - 1
     )
     if attached <= MOST_ATTACHED:
         alike = None
         joins = confirmed["attached"] >= confirmed["votes"] - UNCONFIRMED
-        joins = joins and not _parts_denied(votes, own, edges, deciding)
+        joins = joins and not _parts_denied(certain, whole, deciding)
     else:
         alike = _alike(photos, votes, deciding)
         joins = confirmed["attached"] >= confirmed["votes"]
         joins = joins and surely_larger(alike, [HALF] * len(alike))
-    voted = votes.with_parts if joins else votes.certain
-    with_parts = overlaps(own, voted)
+    voted = whole if joins else certain
+    speaking = [k for k in deciding if (own[k] >= HALF).any()]
+    votes_agreement = float(np.mean(votes.agreement))
     if votes.level >= HALF and votes.place.ground is None:
-        votes_agreement = float(
-            np.mean([with_parts[k] for k in deciding if (own[k] >= HALF).any()] or [0.0])
-        )
+        votes_agreement = _mean(voted.met, speaking) if speaking else 0.0
     objection = _objection(outline_agreement, votes_agreement, confirmed)
-    strange = _unlike_trained(with_parts, by_outline, deciding)
+    strange = _unlike_trained(voted.met, by_outline, deciding)
     sources = [
         _source(objection, *view)
-        for view in zip(own, voted, edges, by_outline, by_votes, strange, strict=True)
+        for view in zip(own_on_edges, voted.on_edges, by_outline, certain.met, strange, strict=True)
     ]
-    on_edges = [share_on_edges(v >= HALF, edge) for v, edge in zip(voted, edges, strict=True)]
-    predicted = [
-        _resized(soft, mine.shape) for soft, mine in zip(votes.predicted, own, strict=True)
-    ]
-    kept = False
+    splats_agreement = float(np.mean(votes.soft_agreement))
     fused = corrected(
-        own, others, predicted, outline_agreement, float(np.mean(votes.soft_agreement))
+        own, others, _resized(votes.predicted, own), outline_agreement, splats_agreement
     )
-    if objection and _denied(own, fused, edges, deciding):
-        kept = True
-        fused = [mine if (mine >= HALF).any() else f for mine, f in zip(own, fused, strict=True)]
+    kept = bool(objection) and _denied(own_on_edges, fused, edges, speaking)
+    if kept:
+        fused = [one if (one >= HALF).any() else f for one, f in zip(own, fused, strict=True)]
     maps = [
-        v if source == "votes" else f for source, v, f in zip(sources, voted, fused, strict=True)
+        v if source == "votes" else f
+        for source, v, f in zip(sources, voted.maps, fused, strict=True)
     ]
     found = Decision(
         masks="maps" if objection else "votes",
@@ -182,45 +171,60 @@ def decide(
         alike=None if alike is None else float(np.mean(alike)),
         views=tuple(
             ViewEvidence(*one)
-            for one in zip(names, by_outline, by_votes, with_parts, on_edges, sources, strict=True)
+            for one in zip(
+                names, by_outline, certain.met, voted.met, voted.on_edges, sources, strict=True
+            )
         ),
     )
     return found, maps
 
 
-def _parts_denied(
-    votes: Votes, own: Sequence[SoftMap], edges: Sequence[Bits], deciding: Sequence[int]
-) -> bool:
+@dataclass(frozen=True)
+class _Witnessed:
+    """Maps with what the two witnesses say of each.
+
+    ``on_edges`` is the share of its outline on edges of the photo, ``met`` its IoU with the
+    photo's own map.
+    """
+
+    maps: Sequence[SoftMap]
+    on_edges: list[float]
+    met: list[float]
+
+    @classmethod
+    def of(
+        cls, maps: Sequence[SoftMap], own: Sequence[SoftMap], edges: Sequence[Bits]
+    ) -> "_Witnessed":
+        """Ask edges and own maps about ``maps`` [H, W]."""
+        return cls(maps, _shares(maps, edges), overlaps(own, maps))
+
+
+def _shares(maps: Sequence[SoftMap], edges: Sequence[Bits]) -> list[float]:
+    """Return the share of each map's outline that lies on edges of its photo."""
+    return [share_on_edges(one >= HALF, edge) for one, edge in zip(maps, edges, strict=True)]
+
+
+def _parts_denied(certain: _Witnessed, whole: _Witnessed, deciding: Sequence[int]) -> bool:
     """Whether attached parts lead outlines away from photos' edges and masks from photos' maps.
 
     Maps alone must not deny them: they miss the very parts that join.
     """
-    mine, near = [own[index] for index in deciding], [edges[index] for index in deciding]
-
-    def witnesses(maps: Sequence[SoftMap]) -> tuple[list[float], list[float]]:
-        asked = [maps[index] for index in deciding]
-        on_edges = [
-            share_on_edges(one >= HALF, edge) for one, edge in zip(asked, near, strict=True)
-        ]
-        return on_edges, overlaps(asked, mine)
-
-    without, joined = witnesses(votes.certain), witnesses(votes.with_parts)
-    return all(surely_larger(*pair) for pair in zip(without, joined, strict=True))
+    pairs = ((certain.on_edges, whole.on_edges), (certain.met, whole.met))
+    return all(surely_larger(*([one[k] for k in deciding] for one in pair)) for pair in pairs)
 
 
 def _denied(
-    own: Sequence[SoftMap],
+    own_shares: Sequence[float],
     fused: Sequence[SoftMap],
     edges: Sequence[Bits],
-    deciding: Sequence[int],
+    asked: Sequence[int],
 ) -> bool:
     """Whether outlines of corrected maps surely lie on photos' edges less than those of the maps.
 
-    Views without an object in their own map are not asked.
+    Views without an object in their own map are not ``asked``.
     """
-    asked = [k for k in deciding if (own[k] >= HALF).any()]
-    shares = [[share_on_edges(maps[k] >= HALF, edges[k]) for k in asked] for maps in (own, fused)]
-    return surely_larger(*shares)
+    shares = _shares([fused[k] for k in asked], [edges[k] for k in asked])
+    return surely_larger([own_shares[k] for k in asked], shares)
 
 
 def _alike(
@@ -252,17 +256,14 @@ def _unlike_trained(
 
 def _source(
     objection: str,
-    own: SoftMap,
-    voted: SoftMap,
-    edges: Bits,
+    own_on_edges: float,
+    voted_on_edges: float,
     by_outline: float,
     by_votes: float,
     strange: bool,
 ) -> Source:
     """Return one view's source: votes, unless the capture's or the view's evidence is against."""
-    unconfirmed = (
-        share_on_edges(voted >= HALF, edges) < share_on_edges(own >= HALF, edges) - UNCONFIRMED
-    )
+    unconfirmed = voted_on_edges < own_on_edges - UNCONFIRMED
     denied = strange or (unconfirmed and by_votes < by_outline)
     return "maps" if objection or denied else "votes"
 
@@ -282,10 +283,13 @@ def _objection(silhouettes: float, votes: float, confirmed: dict[str, float]) ->
     )
 
 
-def _confirmed(maps: Sequence[SoftMap], edges: Sequence[Bits], deciding: Sequence[int]) -> float:
-    return float(np.mean([share_on_edges(maps[index] >= HALF, edges[index]) for index in deciding]))
+def _mean(numbers: Sequence[float], views: Sequence[int]) -> float:
+    return float(np.mean([numbers[k] for k in views]))
 
 
-def _resized(soft: SoftMap, shape: tuple[int, ...]) -> SoftMap:
-    resized: SoftMap = cv2.resize(soft, (shape[1], shape[0]), interpolation=cv2.INTER_LINEAR)
-    return resized
+def _resized(maps: Sequence[SoftMap], like: Sequence[SoftMap]) -> list[SoftMap]:
+    """Return each map [H, W] at the size of another."""
+    return [
+        np.asarray(cv2.resize(soft, one.shape[::-1], interpolation=cv2.INTER_LINEAR), np.float32)
+        for soft, one in zip(maps, like, strict=True)
+    ]

@@ -163,7 +163,7 @@ def incremental(
         nonlocal count
         count = min(count + 1, views)
         progress(count)
-        for folder in list(snapshots.iterdir()):
+        for folder in sorted(snapshots.iterdir()):
             see(pycolmap.Reconstruction(folder))
             shutil.rmtree(folder)
 

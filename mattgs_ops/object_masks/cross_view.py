@@ -32,8 +32,9 @@ from mattgs_ops.errors import StageError
 from mattgs_ops.object_masks import silhouettes, splat_votes
 from mattgs_ops.object_masks.decision import Decision, ViewEvidence, decide
 from mattgs_ops.object_masks.ground_plane import Plane
-from mattgs_ops.object_masks.photo_colours import ColourEvidence, ask_colours, by_colours
-from mattgs_ops.object_masks.photo_edges import surely_larger, to_photo_edges
+from mattgs_ops.object_masks.photo_evidence.colours import ColourEvidence, ask_colours, by_colours
+from mattgs_ops.object_masks.photo_evidence.edges import surely_larger, to_photo_edges
+from mattgs_ops.object_masks.photo_evidence.plain_ground import PlainGround, correct_by_ground
 from mattgs_ops.object_masks.surfaces import train_surfaces
 from mattgs_ops.progress import Progress, no_progress
 from mattgs_ops.segment.mask_report import MaskReport, ViewReport, border_share, flags_of
@@ -68,15 +69,17 @@ def agree(
     maps = [_read(scene.folder / "soft" / mask_name(view.name)) for view in views]
     cameras = [camera_at(view, silhouettes.SIDE) for view in views]
     trained = [view.split == "train" for view in views]
+    shown = [camera_at(view, RESOLUTION) for view in views]
+    photos = [_photo(view, camera) for view, camera in zip(views, shown, strict=True)]
+    plain, corrected = correct_by_ground(photos, _shrunk(maps, shown), trained)
+    maps = corrected if plain.used else maps
     outlines = silhouettes.predict(cameras, _shrunk(maps, cameras), trained)
     if outlines is None:
         return _keep(scene, out, "the photos' maps share no object")
     splats = train_surfaces(
         scene, iterations=ITERATIONS, resolution=RESOLUTION, threads=threads, progress=progress
     )
-    shown = [camera_at(view, RESOLUTION) for view in views]
     voting = [camera_at(view, VOTING) for view in views]
-    photos = [_photo(view, camera) for view, camera in zip(views, shown, strict=True)]
     names, own = [view.name for view in views], _shrunk(maps, shown)
     points = scene.points().xyz.astype(np.float64)
     ballot = splat_votes.collect(splats, voting, maps, points, trained=trained, threads=threads)
@@ -104,7 +107,7 @@ def agree(
     if colours and colours.used:
         soft = [by_colours(photo, one) for photo, one in zip(photos, soft, strict=True)]
     agreed = dict(zip(names, soft, strict=True))
-    return _write(scene, capture, out, report, agreed, _decision_record(found, colours))
+    return _write(scene, capture, out, report, agreed, _decision_record(found, colours, plain))
 
 
 @dataclass(frozen=True)
@@ -161,7 +164,9 @@ def _meets_both(view: ViewEvidence) -> float:
     return (view.with_parts or 0.0) * _on_edges(view)
 
 
-def _decision_record(found: _Judged, colours: ColourEvidence | None) -> dict[str, Any]:
+def _decision_record(
+    found: _Judged, colours: ColourEvidence | None, plain: PlainGround
+) -> dict[str, Any]:
     """Return the decision as JSON values, rounded."""
     share = None if found.ground is None else found.ground.share
     asked = None if colours is None else asdict(colours)
@@ -170,6 +175,7 @@ def _decision_record(found: _Judged, colours: ColourEvidence | None) -> dict[str
         "ground_cut": found.ground_cut,
         "half_needed": found.half_needed,
         "colours": asked,
+        "plain_ground": asdict(plain),
     }
     record: dict[str, Any] = _rounded(asdict(found.decision) | summary)
     return record

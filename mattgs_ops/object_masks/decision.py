@@ -34,8 +34,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mattgs_ops.capture.masks import SoftMap
-from mattgs_ops.object_masks.photo_colours import share_alike
-from mattgs_ops.object_masks.photo_edges import edges_near, share_on_edges, surely_larger
+from mattgs_ops.object_masks.photo_evidence.colours import share_alike
+from mattgs_ops.object_masks.photo_evidence.edges import edges_near, share_on_edges, surely_larger
 from mattgs_ops.object_masks.silhouettes import CONTRADICT, HALF, Silhouettes, corrected, overlaps
 from mattgs_ops.object_masks.splat_votes import Votes
 

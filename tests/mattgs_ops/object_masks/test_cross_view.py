@@ -14,6 +14,7 @@ from mattgs_ops.capture.scene import PreparedCapture, Scene, SparsePoints, View
 from mattgs_ops.capture.sparse import SparseImage, SparseModel
 from mattgs_ops.object_masks import cross_view
 from mattgs_ops.object_masks.cross_view import agree, read_mask
+from mattgs_ops.object_masks.photo_evidence import plain_ground
 from mattgs_ops.object_masks.silhouettes import iou
 from mattgs_ops.segment.mask_report import MaskReport, ViewReport
 from mattgs_ops.splat.gaussians import Splats
@@ -167,7 +168,10 @@ def test_half_of_the_votes_is_asked_for_where_maps_and_edges_say_so(
     ]
     scene, capture = solved(tmp_path / "in", "u2net", maps, photos)
     monkeypatch.setattr(cross_view, "train_surfaces", lambda *_args, **_settings: splats)
+    # grey ground says by itself what is object; here votes alone are asked
+    monkeypatch.setattr(plain_ground, "LARGEST_OVERLAP", -1.0)
     found = agree(scene, capture, tmp_path / "out")
+    assert not found.extra["agreement"]["plain_ground"]["used"]
     assert found.extra["agreement"]["level"] == 0.5
     assert found.extra["agreement"]["half_needed"] is invented
     scores = [

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from mattgs_ops.object_masks.photo_colours import ask_colours, by_colours, share_alike
+from mattgs_ops.object_masks.photo_evidence.colours import ask_colours, by_colours, share_alike
 from mattgs_ops.object_masks.silhouettes import iou
 
 SIDE, VIEWS = 160, 6

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from mattgs_ops.object_masks.photo_edges import (
+from mattgs_ops.object_masks.photo_evidence.edges import (
     edges_near,
     share_on_edges,
     surely_larger,

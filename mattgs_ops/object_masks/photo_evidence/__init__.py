@@ -1,0 +1,6 @@
+"""What single photos say of masks, without other views.
+
+``edges`` holds outlines against the photo's edges and moves them there, ``colours`` cuts masks anew
+by colour, ``plain_ground`` corrects maps where the ground is smooth.
+Public face: ``correct_by_ground``, ``ask_colours``, ``share_on_edges``, ``to_photo_edges``.
+"""

@@ -1,0 +1,141 @@
+"""Plain ground: maps corrected by how far each colour is from the ground's.
+
+Black cloth, a white sweep and a dark room are smooth: their colour is a polynomial of the place in
+the photo. A network fills the air under a crane's jib or between a temple's columns, where the
+photo shows that very ground. Each photo's ground is fitted to what its map is sure is no object, in
+CIELAB, and each pixel gets what it deviates in units of the ground's noise. How often the object
+deviates that much, and how often the ground, is counted over all training views by what the maps
+are sure of. The ratio of both corrects the map by Bayes' rule.
+
+Shadows are the ground, darker: that a pixel is darker and has the ground's hue is no evidence for
+the object. On textured or cluttered ground the two kinds of pixels deviate alike. How much their
+histograms overlap says so, and the maps stay as they are.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+from mattgs_ops.capture.masks import SoftMap
+from mattgs_ops.segment.grabcut import BAND, SURE_BACKGROUND, SURE_OBJECT
+
+DEGREE = 3  # of the polynomial: light that falls off, and the bend of a sweep
+ROUNDS = 6  # of the fit: what deviates more than three times the median is left out of the next
+LEAST_GROUND = 0.05  # of the photo's pixels must surely be ground
+NOISE = 0.5  # of CIELAB's units, added to the ground's own: rounding to 8 bits
+# In standard deviations; about half an octave wide. The two columns of small hue differences and
+# the rows below -2 are a shadow.
+LIGHTNESS = (-np.inf, -24, -16, -11, -7.5, -5, -3.3, -2, 2, 3.3, 5, 7.5, 11, 16, 24, np.inf)
+HUE = (0.0, 2, 3.3, 5, 7.5, 11, 16, 24, np.inf)
+SHADOW_ROWS, SHADOW_COLUMNS = 7, 2
+UNSEEN = 1e-4  # share of a histogram's bin that nothing fell into
+# What a map can say at most. Networks fill gaps as surely as they see objects, and miss little
+# that they deny wholly.
+SUREST = (0.01, 0.9)
+# Two classes whose histograms share w, told apart by the larger one, have an IoU of
+# (1 - w / 2) / (1 + w / 2). It must be that of the bundled network on its validation photos, 0.86.
+LARGEST_OVERLAP = 0.15
+
+Residual = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class PlainGround:
+    """``overlap``: which share of their deviations object and ground have in common, 0 to 1.
+
+    ``used``: whether the maps were corrected by them.
+    """
+
+    overlap: float
+    used: bool
+
+
+def correct_by_ground(
+    photos: Sequence[NDArray[np.uint8]], maps: Sequence[SoftMap], trained: Sequence[bool]
+) -> tuple[PlainGround, list[SoftMap]]:
+    """Return what the ground says, and the maps [H, W] in [0, 1], corrected where it is plain.
+
+    ``photos`` [H, W, 3] BGR have the maps' size. Only views that are ``trained`` on are counted; a
+    held-out view is corrected by what they show. A photo with too little ground keeps its map.
+    """
+    bins = [deviations(photo, soft) for photo, soft in zip(photos, maps, strict=True)]
+    counted = [
+        (one, soft)
+        for one, soft, use in zip(bins, maps, trained, strict=True)
+        if use and one is not None
+    ]
+    objects = sum(_histogram(one[soft > SURE_OBJECT]) for one, soft in counted)
+    grounds = sum(_histogram(one[soft < SURE_BACKGROUND]) for one, soft in counted)
+    if not np.any(objects) or not np.any(grounds):
+        return PlainGround(1.0, used=False), list(maps)
+    objects, grounds = (_shares(np.asarray(one)) for one in (objects, grounds))
+    overlap = float(np.minimum(objects, grounds).sum())
+    if overlap > LARGEST_OVERLAP:
+        return PlainGround(overlap, used=False), list(maps)
+    ratio = objects / grounds
+    shadow = ratio[:SHADOW_ROWS, :SHADOW_COLUMNS]
+    np.minimum(shadow, 1.0, out=shadow)
+    corrected = [
+        soft if one is None else _posterior(soft, ratio.ravel()[one])
+        for one, soft in zip(bins, maps, strict=True)
+    ]
+    return PlainGround(overlap, used=True), corrected
+
+
+def deviations(photo: NDArray[np.uint8], soft: SoftMap) -> Residual | None:
+    """Return each pixel's bin [H, W] by its deviation from the photo's ground; None without ground.
+
+    Bins count lightness (:data:`LIGHTNESS`) times hue (:data:`HUE`).
+    """
+    radius = max(1, round(BAND * max(soft.shape)))
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
+    ground = cv2.erode((soft < SURE_BACKGROUND).astype(np.uint8), disc) > 0
+    if ground.mean() < LEAST_GROUND:
+        return None
+    lab = cv2.cvtColor(photo.astype(np.float32) / 255, cv2.COLOR_BGR2LAB)
+    lab = cv2.blur(lab, (3, 3))  # noise of single pixels
+    powers = _powers(*soft.shape)
+    kept = ground
+    for _ in range(ROUNDS):
+        factors, *_ = np.linalg.lstsq(powers[kept], lab[kept], rcond=None)
+        residual = lab - powers @ factors
+        size = np.linalg.norm(residual, axis=2)
+        kept = ground & (size <= 3 * max(float(np.median(size[ground])), NOISE))
+    scaled = residual / np.sqrt(residual[kept].var(axis=0) + NOISE**2)
+    rows = np.digitize(scaled[..., 0], LIGHTNESS[1:-1])
+    columns = np.digitize(np.hypot(scaled[..., 1], scaled[..., 2]), HUE[1:-1])
+    bins: Residual = (rows * (len(HUE) - 1) + columns).astype(np.int64)
+    return bins
+
+
+def _powers(height: int, width: int) -> NDArray[np.float32]:
+    """Return x^i y^j with i + j up to the degree [H, W, 10]; x and y go from -1 to 1."""
+    y, x = np.mgrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j].astype(np.float32)
+    powers = [x**i * y**j for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)]
+    return np.stack(powers, axis=-1)
+
+
+def _histogram(bins: Residual) -> NDArray[np.float64]:
+    """Return one view's share of pixels in each bin [lightness, hue]; zeros where it has none."""
+    shape = len(LIGHTNESS) - 1, len(HUE) - 1
+    counts = np.bincount(bins, minlength=shape[0] * shape[1]).reshape(shape)
+    return counts / max(len(bins), 1)
+
+
+def _shares(counts: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Smooth a histogram by its neighbours, to a sum of one; no bin is empty."""
+    smooth = gaussian_filter(counts / counts.sum(), 0.7) + UNSEEN
+    shares: NDArray[np.float64] = smooth / smooth.sum()
+    return shares
+
+
+def _posterior(soft: SoftMap, ratio: NDArray[np.float64]) -> SoftMap:
+    """Return the map after evidence: odds of the map times the ratio of likelihoods."""
+    prior = soft.clip(*SUREST)
+    odds = prior / (1 - prior) * ratio
+    posterior: SoftMap = (odds / (1 + odds)).astype(np.float32)
+    return posterior

@@ -97,7 +97,6 @@ def deviations(photo: NDArray[np.uint8], soft: SoftMap) -> Residual | None:
     if ground.mean() < LEAST_GROUND:
         return None
     lab = cv2.cvtColor(photo.astype(np.float32) / 255, cv2.COLOR_BGR2LAB)
-    lab = cv2.blur(lab, (3, 3))  # noise of single pixels
     powers = _powers(*soft.shape)
     kept = ground
     for _ in range(ROUNDS):

@@ -203,10 +203,11 @@ def _write(
     rows, borders, kept, dropped = [], [], [], []
     overlaps: dict[str, float] = {}
     voted = {one["name"] for one in decision["views"] if one["masks"] == "votes"}
+    plain = decision["plain_ground"]["used"]
     for view in scene.views:
         own = read_mask(out / "masks" / mask_name(view.name))
         soft = agreed.get(view.name)
-        mask = None if soft is None else _mask(soft, view, by_votes=view.name in voted)
+        mask = None if soft is None else _mask(soft, view, at_edges=plain or view.name in voted)
         if soft is None or mask is None or not mask.any():
             kept.append(view.name)
             rows.append(old[view.name])
@@ -245,11 +246,11 @@ def _keep(scene: Scene, out: Path, reason: str) -> Scene:
     return kept
 
 
-def _mask(soft: SoftMap, view: View, *, by_votes: bool) -> Mask:
-    """Threshold a map at the photo's size; outlines by votes move to the photo's edges."""
+def _mask(soft: SoftMap, view: View, *, at_edges: bool) -> Mask:
+    """Threshold a map at the photo's size; outlines by votes or ground move to its edges."""
     full = cv2.resize(soft, (view.width, view.height), interpolation=cv2.INTER_CUBIC)
     mask = clean(threshold(full, silhouettes.HALF))
-    return clean(to_photo_edges(mask, _read_photo(view))) if by_votes else mask
+    return clean(to_photo_edges(mask, _read_photo(view))) if at_edges else mask
 
 
 def _shrunk(maps: Sequence[SoftMap], cameras: Sequence[Camera]) -> list[SoftMap]:

@@ -1,4 +1,4 @@
-"""Evaluation sets: objects on grounds, to see where masks fail, and seven sets that only judge.
+"""Evaluation sets: objects on grounds, to see where masks fail, and six sets that only judge.
 
     mattgs captures evaluation OUT [--sets rover-black-cloth,figurine-turntable] [--views 24]
 
@@ -76,15 +76,19 @@ CHOOSING_SETS = (
     # judged once, and showed what two rules were missing
     EvaluationSet("stone", "cluttered-desk"),
     EvaluationSet("trunk", "woods"),
-)
-JUDGING_SETS = (
+    # looked at when the limits of a plain ground's correction were chosen
     EvaluationSet("temple", "black-cloth"),
     EvaluationSet("temple", "white-sweep"),
-    EvaluationSet("temple", "cluttered-desk"),
     EvaluationSet("stone", "dark-flash"),
+    EvaluationSet("figurine", "woods"),
+)
+JUDGING_SETS = (
+    EvaluationSet("temple", "cluttered-desk"),
+    EvaluationSet("temple", "dark-flash"),
     EvaluationSet("stone", "wooden-table"),
     EvaluationSet("stone", "woods"),
-    EvaluationSet("figurine", "woods"),
+    EvaluationSet("stone", "black-cloth"),
+    EvaluationSet("stone", "white-sweep"),
 )
 SETS = CHOOSING_SETS + JUDGING_SETS
 NAMES = tuple(one.name for one in SETS)

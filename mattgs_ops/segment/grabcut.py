@@ -36,8 +36,7 @@ def grabcut_seeded(photo: NDArray[np.uint8], soft: SoftMap) -> Mask:
     Where the map leaves no sure object or no sure background, the map's own threshold is kept.
     """
     small, map_ = _shrunk(photo), _shrunk(soft)
-    radius = max(1, round(BAND * max(map_.shape)))
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
+    disc = doubt_disc(map_.shape)
     sure_object = cv2.erode((map_ >= SURE_OBJECT).astype(np.uint8), disc)
     sure_background = cv2.erode((map_ <= SURE_BACKGROUND).astype(np.uint8), disc)
     if not sure_object.any() or not sure_background.any():
@@ -46,6 +45,13 @@ def grabcut_seeded(photo: NDArray[np.uint8], soft: SoftMap) -> Mask:
     labels[sure_object > 0] = cv2.GC_FGD
     labels[sure_background > 0] = cv2.GC_BGD
     return _cut(small, labels, photo.shape[:2])
+
+
+def doubt_disc(shape: tuple[int, ...]) -> NDArray[np.uint8]:
+    """Return the disc by which regions of a map [H, W] are eroded that it is sure about."""
+    radius = max(1, round(BAND * max(shape)))
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
+    return np.asarray(disc, dtype=np.uint8)
 
 
 def _shrunk(pixels: Any) -> Any:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from mattgs_ops.capture.masks import SoftMap
-from mattgs_ops.segment.grabcut import BAND, SURE_BACKGROUND, SURE_OBJECT
+from mattgs_ops.segment.grabcut import SURE_BACKGROUND, SURE_OBJECT, doubt_disc
 
 DEGREE = 3  # of the polynomial: light that falls off, and the bend of a sweep
 ROUNDS = 6  # of the fit: what deviates more than three times the median is left out of the next
@@ -91,9 +91,7 @@ def deviations(photo: NDArray[np.uint8], soft: SoftMap) -> Residual | None:
 
     Bins count lightness (:data:`LIGHTNESS`) times hue (:data:`HUE`).
     """
-    radius = max(1, round(BAND * max(soft.shape)))
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
-    ground = cv2.erode((soft < SURE_BACKGROUND).astype(np.uint8), disc) > 0
+    ground = cv2.erode((soft < SURE_BACKGROUND).astype(np.uint8), doubt_disc(soft.shape)) > 0
     if ground.mean() < LEAST_GROUND:
         return None
     lab = cv2.cvtColor(photo.astype(np.float32) / 255, cv2.COLOR_BGR2LAB)

@@ -15,7 +15,7 @@ and their own map and photo, and change nothing else. The scene's
 
 import shutil
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,22 +23,20 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mattgs_ops.capture import sparse
 from mattgs_ops.capture.camera import Camera
-from mattgs_ops.capture.formats.colmap_model import read_model
-from mattgs_ops.capture.masks import Mask, SoftMap, clean, mask_name, quality, threshold, write_mask
+from mattgs_ops.capture.masks import SoftMap, mask_name
 from mattgs_ops.capture.scene import PreparedCapture, Scene, View
-from mattgs_ops.errors import StageError
 from mattgs_ops.object_masks import silhouettes, splat_votes
-from mattgs_ops.object_masks.decision import Decision, ViewEvidence, decide
+from mattgs_ops.object_masks.agreed_masks import Outline, keep, read_mask, read_photo, write
+from mattgs_ops.object_masks.decision import Decision, ViewEvidence, decide, half_meet_best
 from mattgs_ops.object_masks.ground_plane import Plane
-from mattgs_ops.object_masks.photo_evidence.colours import ColourEvidence, ask_colours, by_colours
-from mattgs_ops.object_masks.photo_evidence.edges import surely_larger, to_photo_edges
+from mattgs_ops.object_masks.photo_evidence.colours import ColourEvidence, cut_by_colours
+from mattgs_ops.object_masks.photo_evidence.edges import surely_larger
 from mattgs_ops.object_masks.photo_evidence.plain_ground import PlainGround, correct_by_ground
 from mattgs_ops.object_masks.surfaces import train_surfaces
+from mattgs_ops.parallel import over_views
 from mattgs_ops.progress import Progress, no_progress
-from mattgs_ops.segment.mask_report import MaskReport, ViewReport, border_share, flags_of
-from mattgs_ops.sfm.assemble import vote
+from mattgs_ops.segment.mask_report import MaskReport
 from mattgs_ops.splat.photos import camera_at
 
 # Of the short training. Half the steps at 256 pixels leave splats that straddle outlines: even with
@@ -64,23 +62,26 @@ def agree(
     shutil.copytree(scene.folder, out, dirs_exist_ok=True)
     report = MaskReport.load(scene.folder / "masks.json")
     if report.source != "u2net":
-        return _keep(scene, out, f"masks are {report.source}, nothing to vote on")
+        return keep(scene, out, f"masks are {report.source}, nothing to vote on")
     views = [view for view in scene.views if view.camera is not None]
-    maps = [_read(scene.folder / "soft" / mask_name(view.name)) for view in views]
+    paths = [scene.folder / "soft" / mask_name(view.name) for view in views]
+    maps = over_views(_read, paths, threads=threads)
     cameras = [camera_at(view, silhouettes.SIDE) for view in views]
     trained = [view.split == "train" for view in views]
     shown = [camera_at(view, RESOLUTION) for view in views]
-    photos = [_photo(view, camera) for view, camera in zip(views, shown, strict=True)]
-    plain, corrected = correct_by_ground(photos, _shrunk(maps, shown), trained)
-    maps = corrected if plain.used else maps
-    outlines = silhouettes.predict(cameras, _shrunk(maps, cameras), trained)
+    photos = over_views(_photo, views, shown, threads=threads)
+    own = _shrunk(maps, shown)
+    plain, own_by_ground = correct_by_ground(photos, own, trained, threads=threads)
+    if plain.used:
+        maps = own = own_by_ground
+    outlines = silhouettes.predict(cameras, _shrunk(maps, cameras), trained, threads=threads)
     if outlines is None:
-        return _keep(scene, out, "the photos' maps share no object")
+        return keep(scene, out, "the photos' maps share no object")
     splats = train_surfaces(
         scene, iterations=ITERATIONS, resolution=RESOLUTION, threads=threads, progress=progress
     )
     voting = [camera_at(view, VOTING) for view in views]
-    names, own = [view.name for view in views], _shrunk(maps, shown)
+    names = [view.name for view in views]
     points = scene.points().xyz.astype(np.float64)
     ballot = splat_votes.collect(splats, voting, maps, points, trained=trained, threads=threads)
 
@@ -102,12 +103,13 @@ def agree(
         without = judged(cut_ground=False, half_needed=found.half_needed)
         believed = without.decision.masks == "votes"
         found = without if believed and _better(without, found, trained, _on_edges) else found
-    colours = ask_colours(photos, own, found.maps, trained)
-    soft = found.maps
-    if colours and colours.used:
-        soft = [by_colours(photo, one) for photo, one in zip(photos, soft, strict=True)]
-    agreed = dict(zip(names, soft, strict=True))
-    return _write(scene, capture, out, report, agreed, _decision_record(found, colours, plain))
+    colours, soft = cut_by_colours(photos, own, found.maps, trained, threads=threads)
+    agreed = {
+        view.name: Outline(one, plain.used or view.masks == "votes")
+        for view, one in zip(found.decision.views, soft, strict=True)
+    }
+    record = _decision_record(found, colours, plain)
+    return write(scene, capture, out, report, agreed, record, threads)
 
 
 @dataclass(frozen=True)
@@ -122,13 +124,9 @@ class _Judged:
 
     @property
     def maps_invent(self) -> bool:
-        """Whether splats meet the maps best from half of the votes on.
-
-        Then maps may invent as much as they miss, such as the plate of a turntable in some photos;
-        or they are right.
-        """
+        """Whether maps may invent as much as they miss (``decision.half_meet_best``)."""
         level = self.decision.level
-        return level is not None and level >= splat_votes.CERTAIN
+        return level is not None and half_meet_best(level)
 
     @property
     def cut_in_doubt(self) -> bool:
@@ -189,70 +187,6 @@ def _rounded(value: Any) -> Any:
     return [_rounded(one) for one in value] if isinstance(value, list | tuple) else value
 
 
-def _write(
-    scene: Scene,
-    capture: PreparedCapture,
-    out: Path,
-    before: MaskReport,
-    agreed: Mapping[str, SoftMap],
-    decision: dict[str, Any],
-) -> Scene:
-    """Write masks, soft maps, votes of the points and both reports."""
-    old = {row.name: row for row in before.views}
-    truths = {view.name: view.mask for view in capture.views if capture.masks_are == "truth"}
-    rows, borders, kept, dropped = [], [], [], []
-    overlaps: dict[str, float] = {}
-    voted = {one["name"] for one in decision["views"] if one["masks"] == "votes"}
-    plain = decision["plain_ground"]["used"]
-    for view in scene.views:
-        own = read_mask(out / "masks" / mask_name(view.name))
-        soft = agreed.get(view.name)
-        mask = None if soft is None else _mask(soft, view, at_edges=plain or view.name in voted)
-        if soft is None or mask is None or not mask.any():
-            kept.append(view.name)
-            rows.append(old[view.name])
-            borders.append(border_share(own))
-            if not own.any():
-                dropped.append(view.name)
-            continue
-        full = cv2.resize(soft, (view.width, view.height), interpolation=cv2.INTER_LINEAR)
-        write_mask(out / "masks" / mask_name(view.name), mask)
-        write_mask(out / "soft" / mask_name(view.name), np.rint(full * 255).astype(np.uint8))
-        truth = truths.get(view.name)
-        scored = None if truth is None else quality(mask, read_mask(truth), full)
-        rows.append(ViewReport(view.name, float((mask > 0).mean()), (), scored))
-        borders.append(border_share(mask))
-        overlaps[view.name] = round(silhouettes.iou(own > 0, mask > 0), 4)
-    differs = [overlaps.get(row.name, 1.0) < silhouettes.CONTRADICT for row in rows]
-    flags = flags_of([row.foreground for row in rows], borders, differs)
-    reports = tuple(replace(row, flags=flag) for row, flag in zip(rows, flags, strict=True))
-    MaskReport(before.source, "votes", before.model, reports).save(out / "masks.json")
-    agreed_scene = Scene.load(out)
-    points = vote(agreed_scene.views, read_model(out / "sparse" / "0"))
-    extra = dict(scene.extra) | {
-        "object_points": len(sparse.on_object(points).xyz),
-        "dropped": dropped,
-        "agreement": decision
-        | {"kept": kept, "overlap": overlaps, "mean_iou_before": before.mean_iou},
-    }
-    done = replace(agreed_scene, extra=extra)
-    done.save(points)
-    return done
-
-
-def _keep(scene: Scene, out: Path, reason: str) -> Scene:
-    kept = replace(Scene.load(out), extra=dict(scene.extra) | {"agreement": {"none": reason}})
-    kept.save(scene.points())
-    return kept
-
-
-def _mask(soft: SoftMap, view: View, *, at_edges: bool) -> Mask:
-    """Threshold a map at the photo's size; outlines by votes or ground move to its edges."""
-    full = cv2.resize(soft, (view.width, view.height), interpolation=cv2.INTER_CUBIC)
-    mask = clean(threshold(full, silhouettes.HALF))
-    return clean(to_photo_edges(mask, _read_photo(view))) if at_edges else mask
-
-
 def _shrunk(maps: Sequence[SoftMap], cameras: Sequence[Camera]) -> list[SoftMap]:
     """Shrink maps to the cameras' sizes by an area filter."""
     sizes = [(camera.intrinsics.width, camera.intrinsics.height) for camera in cameras]
@@ -265,24 +199,9 @@ def _shrunk(maps: Sequence[SoftMap], cameras: Sequence[Camera]) -> list[SoftMap]
 def _photo(view: View, camera: Camera) -> NDArray[np.uint8]:
     """Read a photo [H, W, 3] at a camera's size."""
     size = camera.intrinsics.width, camera.intrinsics.height
-    small = cv2.resize(_read_photo(view), size, interpolation=cv2.INTER_AREA)
+    small = cv2.resize(read_photo(view), size, interpolation=cv2.INTER_AREA)
     return np.asarray(small, dtype=np.uint8)
-
-
-def _read_photo(view: View) -> NDArray[np.uint8]:
-    pixels = cv2.imread(str(view.photo), cv2.IMREAD_COLOR)
-    if pixels is None:
-        raise StageError(f"{view.photo}: expected a readable image")
-    return np.asarray(pixels, dtype=np.uint8)
 
 
 def _read(path: Path) -> SoftMap:
     return (read_mask(path) / np.float32(255)).astype(np.float32)
-
-
-def read_mask(path: Path) -> Mask:
-    """Read a mask or an 8-bit map [H, W]; raises :class:`StageError` naming the file."""
-    pixels = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-    if pixels is None:
-        raise StageError(f"{path}: expected a readable image")
-    return np.asarray(pixels, dtype=np.uint8)

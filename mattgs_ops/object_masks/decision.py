@@ -34,19 +34,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mattgs_ops.capture.masks import SoftMap
-from mattgs_ops.object_masks.photo_evidence.colours import share_alike
-from mattgs_ops.object_masks.photo_evidence.edges import edges_near, share_on_edges, surely_larger
+from mattgs_ops.object_masks.photo_evidence.edges import edges_near, surely_larger
 from mattgs_ops.object_masks.silhouettes import CONTRADICT, HALF, Silhouettes, corrected, overlaps
-from mattgs_ops.object_masks.splat_votes import Votes
+from mattgs_ops.object_masks.splat_votes import CERTAIN, Votes
+from mattgs_ops.object_masks.witnesses import UNCONFIRMED, Bits, Witnessed, judge_parts
 
-# Outlines are coarse, and fur has no edge: some of each runs beside the photo's edges. A quarter
-# more of it than of the outline that it would replace is not that.
-UNCONFIRMED = 0.25
-MOST_ATTACHED = 0.5  # of the certain area: what adds more is no correction unless colours say so
 LEAST = 0.01  # agreement below it counts as this much: ratios stay finite
 
 Source = Literal["votes", "maps"]
-Bits = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -89,6 +84,15 @@ class Decision:
     views: tuple[ViewEvidence, ...]
 
 
+def half_meet_best(level: float) -> bool:
+    """Whether splats meet the maps best from half of the votes on.
+
+    Then maps may invent as much as they miss, such as the plate of a turntable in some photos; or
+    they are right.
+    """
+    return level >= CERTAIN
+
+
 def decide(
     names: Sequence[str],
     photos: Sequence[NDArray[np.uint8]],
@@ -107,68 +111,38 @@ def decide(
     edges = [edges_near(photo) for photo in photos]
     others = _resized(silhouettes.predicted, own)
     by_outline = overlaps(own, others)
-    outline_agreement = silhouettes.mean
-    own_on_edges = _shares(own, edges)
-    confirmed = {"maps": _mean(own_on_edges, deciding)}
+    maps = Witnessed.of(own, own, edges)
+    confirmed = {"maps": maps.confirmed(deciding)}
     if votes is None:
-        reason = "no splat is salient to the views"
-        views = tuple(
-            ViewEvidence(name, one, None, None, None, "maps")
-            for name, one in zip(names, by_outline, strict=True)
-        )
-        maps = corrected(own, others, own, outline_agreement, 0.0)
-        decision = Decision(
-            "maps", reason, outline_agreement, None, None, confirmed, 0.0, False, False, None, views
-        )
-        return decision, maps
-    certain = _Witnessed.of(votes.certain, own, edges)
-    whole = _Witnessed.of(votes.with_parts, own, edges)
-    confirmed["votes"] = _mean(certain.on_edges, deciding)
-    confirmed["attached"] = _mean(whole.on_edges, deciding)
-    attached = max(
-        0.0, _area(votes.with_parts, deciding) / max(_area(votes.certain, deciding), 1e-9) - 1
-    )
-    if attached <= MOST_ATTACHED:
-        alike = None
-        joins = confirmed["attached"] >= confirmed["votes"] - UNCONFIRMED
-        joins = joins and not _parts_denied(certain, whole, deciding)
-    else:
-        alike = _alike(photos, votes, deciding)
-        joins = confirmed["attached"] >= confirmed["votes"]
-        joins = joins and surely_larger(alike, [HALF] * len(alike))
-    voted = whole if joins else certain
+        found = _without_votes(names, by_outline, silhouettes.mean, confirmed)
+        return found, corrected(own, others, own, silhouettes.mean, 0.0)
+    certain = Witnessed.of(votes.certain, own, edges)
+    whole = Witnessed.of(votes.with_parts, own, edges)
+    confirmed |= {"votes": certain.confirmed(deciding), "attached": whole.confirmed(deciding)}
+    parts = judge_parts(photos, certain, whole, deciding)
+    voted = whole if parts.join else certain
     speaking = [k for k in deciding if (own[k] >= HALF).any()]
-    votes_agreement = float(np.mean(votes.agreement))
-    if votes.level >= HALF and votes.place.ground is None:
-        votes_agreement = _mean(voted.met, speaking) if speaking else 0.0
-    objection = _objection(outline_agreement, votes_agreement, confirmed)
+    agreement = _votes_agreement(votes, voted, speaking)
+    objection = _objection(silhouettes.mean, agreement, confirmed)
     strange = _unlike_trained(voted.met, by_outline, deciding)
     sources = [
         _source(objection, *view)
-        for view in zip(own_on_edges, voted.on_edges, by_outline, certain.met, strange, strict=True)
+        for view in zip(
+            maps.on_edges, voted.on_edges, by_outline, certain.met, strange, strict=True
+        )
     ]
-    splats_agreement = float(np.mean(votes.soft_agreement))
-    fused = corrected(
-        own, others, _resized(votes.predicted, own), outline_agreement, splats_agreement
-    )
-    kept = bool(objection) and _denied(own_on_edges, fused, edges, speaking)
-    if kept:
-        fused = [one if (one >= HALF).any() else f for one, f in zip(own, fused, strict=True)]
-    maps = [
-        v if source == "votes" else f
-        for source, v, f in zip(sources, voted.maps, fused, strict=True)
-    ]
+    mixed, kept = _corrected_maps(maps, others, votes, silhouettes.mean, edges, speaking, objection)
     found = Decision(
         masks="maps" if objection else "votes",
         reason=objection or "votes meet maps and edges at least as well as silhouettes and maps do",
-        silhouettes=outline_agreement,
-        votes=votes_agreement,
+        silhouettes=silhouettes.mean,
+        votes=agreement,
         level=votes.level,
         confirmed=confirmed,
-        attached=attached,
-        attached_kept=joins,
+        attached=parts.added,
+        attached_kept=parts.join,
         own_kept=kept,
-        alike=None if alike is None else float(np.mean(alike)),
+        alike=parts.alike,
         views=tuple(
             ViewEvidence(*one)
             for one in zip(
@@ -176,63 +150,61 @@ def decide(
             )
         ),
     )
-    return found, maps
+    chosen = zip(sources, voted.maps, mixed, strict=True)
+    return found, [v if source == "votes" else m for source, v, m in chosen]
 
 
-@dataclass(frozen=True)
-class _Witnessed:
-    """Maps with what the two witnesses say of each.
+def _without_votes(
+    names: Sequence[str],
+    by_outline: Sequence[float],
+    agreement: float,
+    confirmed: dict[str, float],
+) -> Decision:
+    """Return the decision of a capture whose splats no view calls object."""
+    reason = "no splat is salient to the views"
+    views = tuple(
+        ViewEvidence(name, one, None, None, None, "maps")
+        for name, one in zip(names, by_outline, strict=True)
+    )
+    return Decision(
+        "maps", reason, agreement, None, None, confirmed, 0.0, False, False, None, views
+    )
 
-    ``on_edges`` is the share of its outline on edges of the photo, ``met`` its IoU with the
-    photo's own map.
+
+def _votes_agreement(votes: Votes, voted: Witnessed, speaking: Sequence[int]) -> float:
+    """Return the mean IoU of votes with own maps: of others' votes, or of what is delivered.
+
+    The latter counts where half of the votes meet maps best and no ground was cut away.
     """
-
-    maps: Sequence[SoftMap]
-    on_edges: list[float]
-    met: list[float]
-
-    @classmethod
-    def of(
-        cls, maps: Sequence[SoftMap], own: Sequence[SoftMap], edges: Sequence[Bits]
-    ) -> "_Witnessed":
-        """Ask edges and own maps about ``maps`` [H, W]."""
-        return cls(maps, _shares(maps, edges), overlaps(own, maps))
+    if half_meet_best(votes.level) and votes.place.ground is None:
+        return float(np.mean([voted.met[k] for k in speaking])) if speaking else 0.0
+    return float(np.mean(votes.agreement))
 
 
-def _shares(maps: Sequence[SoftMap], edges: Sequence[Bits]) -> list[float]:
-    """Return the share of each map's outline that lies on edges of its photo."""
-    return [share_on_edges(one >= HALF, edge) for one, edge in zip(maps, edges, strict=True)]
-
-
-def _parts_denied(certain: _Witnessed, whole: _Witnessed, deciding: Sequence[int]) -> bool:
-    """Whether attached parts lead outlines away from photos' edges and masks from photos' maps.
-
-    Maps alone must not deny them: they miss the very parts that join.
-    """
-    pairs = ((certain.on_edges, whole.on_edges), (certain.met, whole.met))
-    return all(surely_larger(*([one[k] for k in deciding] for one in pair)) for pair in pairs)
-
-
-def _denied(
-    own_shares: Sequence[float],
-    fused: Sequence[SoftMap],
+def _corrected_maps(
+    own: Witnessed,
+    others: Sequence[SoftMap],
+    votes: Votes,
+    agreement: float,
     edges: Sequence[Bits],
-    asked: Sequence[int],
-) -> bool:
-    """Whether outlines of corrected maps surely lie on photos' edges less than those of the maps.
+    speaking: Sequence[int],
+    objection: str,
+) -> tuple[list[SoftMap], bool]:
+    """Return own maps corrected by silhouettes and votes, and whether they stay as they were.
 
-    Views without an object in their own map are not ``asked``.
+    They stay where votes are not believed either and where outlines of corrected maps surely lie on
+    photos' edges less than their own. Views without an object in their map are not asked.
     """
-    shares = _shares([fused[k] for k in asked], [edges[k] for k in asked])
-    return surely_larger([own_shares[k] for k in asked], shares)
-
-
-def _alike(
-    photos: Sequence[NDArray[np.uint8]], votes: Votes, deciding: Sequence[int]
-) -> list[float]:
-    """Return which share of the attached parts has the colours of the votes' object, by view."""
-    pairs = [(photos[k], votes.certain[k] >= HALF, votes.with_parts[k] >= HALF) for k in deciding]
-    return [share_alike(photo, thing, whole & ~thing, ~whole) for photo, thing, whole in pairs]
+    splats_agreement = float(np.mean(votes.soft_agreement))
+    predicted = _resized(votes.predicted, own.maps)
+    mixed = corrected(own.maps, others, predicted, agreement, splats_agreement)
+    if not objection:
+        return mixed, False
+    after = Witnessed.of(mixed, own.maps, edges)
+    if not surely_larger(*([one.on_edges[k] for k in speaking] for one in (own, after))):
+        return mixed, False
+    kept = [one if (one >= HALF).any() else m for one, m in zip(own.maps, mixed, strict=True)]
+    return kept, True
 
 
 def _unlike_trained(
@@ -268,10 +240,6 @@ def _source(
     return "maps" if objection or denied else "votes"
 
 
-def _area(maps: Sequence[SoftMap], deciding: Sequence[int]) -> float:
-    return sum(float((maps[index] >= HALF).mean()) for index in deciding)
-
-
 def _objection(silhouettes: float, votes: float, confirmed: dict[str, float]) -> str:
     """Say why votes are not used; empty where they are."""
     if votes * confirmed["votes"] >= silhouettes * confirmed["maps"]:
@@ -281,10 +249,6 @@ def _objection(silhouettes: float, votes: float, confirmed: dict[str, float]) ->
         f"{confirmed['votes']:.2f}, less than silhouettes, {silhouettes:.2f}, and maps, "
         f"{confirmed['maps']:.2f}, do"
     )
-
-
-def _mean(numbers: Sequence[float], views: Sequence[int]) -> float:
-    return float(np.mean([numbers[k] for k in views]))
 
 
 def _resized(maps: Sequence[SoftMap], like: Sequence[SoftMap]) -> list[SoftMap]:

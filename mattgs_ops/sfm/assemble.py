@@ -15,6 +15,7 @@ from mattgs_ops.capture.scene import PreparedCapture, SparsePoints, View
 from mattgs_ops.capture.sparse import SparseModel, object_points
 from mattgs_ops.capture.undistortion import Lens, Undistortion, undistortion
 from mattgs_ops.errors import StageError
+from mattgs_ops.parallel import over_views
 from mattgs_ops.sfm.checks import mask_path, read_mask
 
 Grey = NDArray[np.uint8]
@@ -59,51 +60,65 @@ def largest_shift(lens: Lens) -> float:
 
 
 def write_views(
-    capture: PreparedCapture, masks: Path, model: SparseModel, out: Path, soft: Path | None = None
+    capture: PreparedCapture,
+    masks: Path,
+    model: SparseModel,
+    out: Path,
+    soft: Path | None = None,
+    *,
+    threads: int = 1,
 ) -> tuple[tuple[View, ...], SparseModel, dict[str, PinholeConversion | None]]:
     """Write photos, masks, coverage, ids and, from ``soft``, saliency as the pinholes see them.
 
     Returns the scene's views, the model with pinholes, and each view's conversion. Views that were
     not registered keep their place, without a camera; their lens is that of photos of their size,
-    None where there is no such photo.
+    None where there is no such photo. ``threads`` write a view each.
     """
     (out / "photos").mkdir(parents=True, exist_ok=True)
     (out / "masks").mkdir(exist_ok=True)
     conversions = {number: pinhole_conversion(camera) for number, camera in model.cameras.items()}
     by_name = {image.name: image for image in model.images.values()}
     sizes = {(p.pinhole.width, p.pinhole.height): p for p in reversed(list(conversions.values()))}
-    views: list[View] = []
     used: dict[str, PinholeConversion | None] = {}
     for view in capture.views:
         image = by_name.get(view.photo.name)
+        same_size = sizes.get((view.width, view.height))
+        used[view.name] = same_size if image is None else conversions[image.camera]
+
+    def write(view: View) -> View:
+        conversion, image = used[view.name], by_name.get(view.photo.name)
         camera = None
-        conversion = sizes.get((view.width, view.height))
-        if image is not None:
-            conversion = conversions[image.camera]
+        if conversion is not None and image is not None:
             camera = Camera(conversion.pinhole, image.rotation, image.translation)
-        photo = out / "photos" / view.photo.name
-        mask = out / "masks" / f"{view.name}.png"
-        if conversion is None or conversion.resample is None:
-            shutil.copyfile(view.photo, photo)
-            shutil.copyfile(mask_path(masks, view), mask)
-        else:
-            _write(photo, conversion.resample.photo(_read_photo(view)))
-            _write(mask, conversion.resample.mask(read_mask(masks, view)))
-        lens = None if conversion is None else conversion.resample
-        if soft is not None:
-            _write_map(
-                soft / mask.name, None if lens is None else _soft(lens), out / "soft" / mask.name
-            )
-        ids = None if view.ids is None else out / "ids" / f"{view.name}.png"
-        if view.ids is not None and ids is not None:
-            _write_map(view.ids, None if lens is None else lens.ids, ids)
-        coverage = None if view.coverage is None else out / "coverage" / f"{view.name}.png"
-        if view.coverage is not None and coverage is not None:
-            _write_map(view.coverage, None if lens is None else lens.coverage, coverage)
-        here = replace(view, photo=photo, mask=mask, camera=camera, ids=ids, coverage=coverage)
-        views.append(here)
-        used[view.name] = conversion
-    return tuple(views), _pinholes(model, conversions), used
+        resample = None if conversion is None else conversion.resample
+        return replace(_write_view(view, masks, resample, out, soft), camera=camera)
+
+    views = tuple(over_views(write, capture.views, threads=threads))
+    return views, _pinholes(model, conversions), used
+
+
+def _write_view(
+    view: View, masks: Path, lens: Undistortion | None, out: Path, soft: Path | None
+) -> View:
+    """Write one view's files as the pinhole sees them, unchanged where there is no lens."""
+    name = f"{view.name}.png"
+    photo, mask = out / "photos" / view.photo.name, out / "masks" / name
+    soft_by = ids_by = coverage_by = None
+    if lens is None:
+        shutil.copyfile(view.photo, photo)
+        shutil.copyfile(mask_path(masks, view), mask)
+    else:
+        soft_by, ids_by, coverage_by = _soft(lens), lens.ids, lens.coverage
+        _write(photo, lens.photo(_read_photo(view)))
+        _write(mask, lens.mask(read_mask(masks, view)))
+    if soft is not None:
+        _write_map(soft / name, soft_by, out / "soft" / name)
+    ids, coverage = view.ids, view.coverage
+    if ids is not None:
+        ids = _write_map(ids, ids_by, out / "ids" / name)
+    if coverage is not None:
+        coverage = _write_map(coverage, coverage_by, out / "coverage" / name)
+    return replace(view, photo=photo, mask=mask, ids=ids, coverage=coverage)
 
 
 def write_keypoints(
@@ -121,17 +136,18 @@ def write_keypoints(
     np.savez_compressed(out, **arrays)
 
 
-def vote(views: tuple[View, ...], model: SparseModel) -> SparsePoints:
+def vote(views: tuple[View, ...], model: SparseModel, *, threads: int = 1) -> SparsePoints:
     """Let the masks of the scene's training views vote on every point."""
     numbers = {image.name: number for number, image in model.images.items()}
-    cameras, masks = {}, {}
+    cameras, paths = {}, {}
     for view in views:
         # what a training starts from must not know the held-out photos
         if view.split == "train" and view.camera is not None and view.mask is not None:
             number = numbers[view.photo.name]
             cameras[number] = view.camera
-            masks[number] = read_mask(view.mask.parent, view)
-    return object_points(model, cameras, masks)
+            paths[number] = view.mask.parent, view
+    masks = over_views(lambda place: read_mask(*place), paths.values(), threads=threads)
+    return object_points(model, cameras, dict(zip(paths, masks, strict=True)))
 
 
 def _pinholes(model: SparseModel, conversions: dict[int, PinholeConversion]) -> SparseModel:
@@ -146,16 +162,17 @@ def _pinholes(model: SparseModel, conversions: dict[int, PinholeConversion]) -> 
     return replace(model, cameras=cameras, images=images)
 
 
-def _write_map(source: Path, resample: Callable[[Grey], Grey] | None, out: Path) -> None:
+def _write_map(source: Path, resample: Callable[[Grey], Grey] | None, out: Path) -> Path:
     """Write a map of one number a pixel as the pinhole sees it; the same file without a lens."""
     out.parent.mkdir(exist_ok=True)
     if resample is None:
         shutil.copyfile(source, out)
-        return
+        return out
     grey = cv2.imread(str(source), cv2.IMREAD_GRAYSCALE)
     if grey is None:
         raise StageError(f"{source}: expected a readable image")
     _write(out, resample(np.asarray(grey, dtype=np.uint8)))
+    return out
 
 
 def _soft(resample: Undistortion) -> Callable[[Grey], Grey]:

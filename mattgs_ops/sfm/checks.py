@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from mattgs_ops.capture.scene import PreparedCapture, View
 from mattgs_ops.errors import InputError
+from mattgs_ops.parallel import over_views
 
 FEWEST_PHOTOS = 3  # two views fix no scale drift and leave nothing to hold out
 MOST_NAMED = 5  # problems told in one message
 
 
-def check(capture: PreparedCapture, masks: Path) -> list[str]:
+def check(capture: PreparedCapture, masks: Path, *, threads: int = 1) -> list[str]:
     """Check photos and masks; returns the names of views whose mask is empty.
 
     Raises :class:`InputError` naming each file with what was expected and found: fewer than three
@@ -28,14 +29,17 @@ def check(capture: PreparedCapture, masks: Path) -> list[str]:
             f"{capture.folder}: expected at least {FEWEST_PHOTOS} photos, "
             f"found {len(capture.views)}"
         )
-    problems, empty = [], []
-    for view in capture.views:
+
+    def black_or_wrong(view: View) -> bool | InputError:
         try:
             _check_photo(view)
-            if not read_mask(masks, view).any():
-                empty.append(view.name)
+            return not read_mask(masks, view).any()
         except InputError as error:
-            problems.append(str(error))
+            return error
+
+    found = over_views(black_or_wrong, capture.views, threads=threads)
+    problems = [str(one) for one in found if isinstance(one, InputError)]
+    empty = [v.name for v, one in zip(capture.views, found, strict=True) if one is True]
     if problems:
         more = len(problems) - MOST_NAMED
         tail = [f"… and {more} more"] if more > 0 else []
@@ -66,9 +70,9 @@ def read_mask(masks: Path, view: View) -> NDArray[np.uint8]:
             f"{path}: expected the photo's size {view.width}x{view.height}, found "
             f"{mask.shape[1]}x{mask.shape[0]}"
         )
-    between = np.setdiff1d(mask, [0, 255])
+    between = mask[(mask > 0) & (mask < 255)]
     if len(between):
-        raise InputError(f"{path}: expected only 0 and 255, found {between[0]}")
+        raise InputError(f"{path}: expected only 0 and 255, found {between.min()}")
     return np.asarray(mask, dtype=np.uint8)
 
 

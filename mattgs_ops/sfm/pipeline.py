@@ -52,17 +52,17 @@ def reconstruct(
     """Write a scene folder to ``out`` and return the scene.
 
     ``masks`` holds ``NAME.png`` for every view, 255 = object; ``soft``, where given, the saliency
-    maps under the same names, which then come along as ``out/soft``. ``threads`` serve extraction
-    and matching and never change a result. Besides the scene, ``out/sfm.log`` keeps COLMAP's log,
-    ``out/keypoints.npz`` the key points (``names`` [V], ``counts`` [V], ``xy`` [K, 2] pixels of
-    the scene's photos, ``inside`` [K]), ``out/points.ply`` the points and ``out/sfm.png`` a picture
-    of it all.
+    maps under the same names, which then come along as ``out/soft``. ``threads`` serve files,
+    extraction and matching and never change a result. Besides the scene, ``out/sfm.log`` keeps
+    COLMAP's log, ``out/keypoints.npz`` the key points (``names`` [V], ``counts`` [V], ``xy``
+    [K, 2] pixels of the scene's photos, ``inside`` [K]), ``out/points.ply`` the points and
+    ``out/sfm.png`` a picture of it all.
 
     Raises :class:`InputError` for photos or masks that cannot be used, before any work, and
     :class:`StageError` when nothing, or fewer than ``config.min_registered`` of the views, could
     be registered, or when COLMAP crashed.
     """
-    empty = check(capture, masks)
+    empty = check(capture, masks, threads=threads)
     known = given_points.given_model(capture, config)
     if known is None:
         views, model, answer = _solve(capture, masks, config, out, soft, threads, progress)
@@ -70,9 +70,9 @@ def reconstruct(
     else:
         source, answer = "given", _given_answer(capture, known)
         _require(capture, answer, config, held_out_later=False)
-        views, model, _ = assemble.write_views(capture, masks, known, out, soft)
+        views, model, _ = assemble.write_views(capture, masks, known, out, soft, threads=threads)
         given_points.write_no_keypoints(capture, out / KEYPOINTS_FILE)
-    points = assemble.vote(views, model)
+    points = assemble.vote(views, model, threads=threads)
     extra = _report(capture, views, answer, empty) | {"points_source": source}
     on_object = len(sparse.on_object(points).xyz)
     if on_object < FEW_OBJECT_POINTS:
@@ -122,7 +122,9 @@ def _solve(
             found = given_points.with_held_out(found, capture)
             posed = {image.name for image in found.images.values()}
             answer.registered = [v.name for v in capture.views if v.photo.name in posed]
-        views, model, conversions = assemble.write_views(capture, masks, found, out, soft)
+        views, model, conversions = assemble.write_views(
+            capture, masks, found, out, soft, threads=threads
+        )
         assemble.write_keypoints(workspace / KEYPOINTS_FILE, conversions, out / KEYPOINTS_FILE)
     finally:
         shutil.rmtree(workspace, ignore_errors=True)

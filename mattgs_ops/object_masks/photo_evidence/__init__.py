@@ -2,5 +2,5 @@
 
 ``edges`` holds outlines against the photo's edges and moves them there, ``colours`` cuts masks anew
 by colour, ``plain_ground`` corrects maps where the ground is smooth.
-Public face: ``correct_by_ground``, ``ask_colours``, ``share_on_edges``, ``to_photo_edges``.
+Public face: ``correct_by_ground``, ``cut_by_colours``, ``share_on_edges``, ``to_photo_edges``.
 """

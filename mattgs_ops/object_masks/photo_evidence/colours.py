@@ -18,6 +18,7 @@ from scipy.ndimage import gaussian_filter
 from mattgs_ops.capture.masks import SoftMap, clean
 from mattgs_ops.object_masks.photo_evidence.edges import edges_near, share_on_edges, surely_larger
 from mattgs_ops.object_masks.silhouettes import HALF, overlaps
+from mattgs_ops.parallel import over_views
 from mattgs_ops.segment.grabcut import grabcut_seeded
 
 GOOD = 0.99  # share of outlines on edges from which on there is nothing to mend
@@ -38,16 +39,19 @@ class ColourEvidence:
     own_maps: tuple[float, float]
 
 
-def ask_colours(
+def cut_by_colours(
     photos: Sequence[NDArray[np.uint8]],
     own: Sequence[SoftMap],
     agreed: Sequence[SoftMap],
     trained: Sequence[bool],
-) -> ColourEvidence | None:
-    """Say whether masks should be cut by colours; None where the outlines need nothing.
+    *,
+    threads: int = 1,
+) -> tuple[ColourEvidence | None, list[SoftMap]]:
+    """Return what colours say, and the agreed maps, corrected by them where that helps.
 
     ``photos`` [H, W, 3] BGR, ``own`` and ``agreed`` maps [H, W] in [0, 1] are all of one size. Only
-    views that are ``trained`` on are asked, at most :data:`MOST_VIEWS`, evenly.
+    views that are ``trained`` on are asked, at most :data:`MOST_VIEWS`, evenly. None where the
+    outlines need nothing.
     """
     deciding = [index for index, use in enumerate(trained) if use]
     count = min(len(deciding), MOST_VIEWS)
@@ -56,16 +60,26 @@ def ask_colours(
     before = [_cleaned(agreed[index]) for index in asked]
     shares = [share_on_edges(mask > 0, edge) for mask, edge in zip(before, edges, strict=True)]
     if np.mean(shares) >= GOOD:
-        return None
-    after = [_cleaned(by_colours(photos[index], agreed[index])) for index in asked]
-    cut = [share_on_edges(mask > 0, edge) for mask, edge in zip(after, edges, strict=True)]
+        return None, list(agreed)
+
+    def cut(views: list[int]) -> dict[int, SoftMap]:
+        pairs = [photos[k] for k in views], [agreed[k] for k in views]
+        return dict(zip(views, over_views(by_colours, *pairs, threads=threads), strict=True))
+
+    corrected = cut(asked)
+    after = [_cleaned(corrected[index]) for index in asked]
+    moved = [share_on_edges(mask > 0, edge) for mask, edge in zip(after, edges, strict=True)]
     mine = [own[index] for index in asked]
     meets = [float(np.mean(overlaps(mine, masks))) for masks in (before, after)]
-    return ColourEvidence(
-        used=meets[1] >= meets[0] and surely_larger(cut, shares),
-        on_edges=(float(np.mean(shares)), float(np.mean(cut))),
+    found = ColourEvidence(
+        used=meets[1] >= meets[0] and surely_larger(moved, shares),
+        on_edges=(float(np.mean(shares)), float(np.mean(moved))),
         own_maps=(meets[0], meets[1]),
     )
+    if not found.used:
+        return found, list(agreed)
+    corrected |= cut([k for k in range(len(agreed)) if k not in corrected])
+    return found, [corrected[k] for k in range(len(agreed))]
 
 
 def by_colours(photo: NDArray[np.uint8], soft: SoftMap) -> SoftMap:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from mattgs_ops.capture.masks import SoftMap
+from mattgs_ops.parallel import over_views
 from mattgs_ops.segment.grabcut import SURE_BACKGROUND, SURE_OBJECT, doubt_disc
 
 DEGREE = 3  # of the polynomial: light that falls off, and the bend of a sweep
@@ -41,6 +42,7 @@ SUREST = (0.01, 0.9)
 LARGEST_OVERLAP = 0.15
 
 Residual = NDArray[np.int64]
+Floats = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -55,14 +57,18 @@ class PlainGround:
 
 
 def correct_by_ground(
-    photos: Sequence[NDArray[np.uint8]], maps: Sequence[SoftMap], trained: Sequence[bool]
+    photos: Sequence[NDArray[np.uint8]],
+    maps: Sequence[SoftMap],
+    trained: Sequence[bool],
+    *,
+    threads: int = 1,
 ) -> tuple[PlainGround, list[SoftMap]]:
     """Return what the ground says, and the maps [H, W] in [0, 1], corrected where it is plain.
 
     ``photos`` [H, W, 3] BGR have the maps' size. Only views that are ``trained`` on are counted; a
     held-out view is corrected by what they show. A photo with too little ground keeps its map.
     """
-    bins = [deviations(photo, soft) for photo, soft in zip(photos, maps, strict=True)]
+    bins = over_views(deviations, photos, maps, threads=threads)
     counted = [
         (one, soft)
         for one, soft, use in zip(bins, maps, trained, strict=True)
@@ -96,20 +102,31 @@ def deviations(photo: NDArray[np.uint8], soft: SoftMap) -> Residual | None:
         return None
     lab = cv2.cvtColor(photo.astype(np.float32) / 255, cv2.COLOR_BGR2LAB)
     powers = _powers(*soft.shape)
-    kept = ground
+    places, colours = powers[ground], lab[ground]
+    kept = np.ones(len(places), np.bool_)
     for _ in range(ROUNDS):
-        factors, *_ = np.linalg.lstsq(powers[kept], lab[kept], rcond=None)
-        residual = lab - powers @ factors
-        size = np.linalg.norm(residual, axis=2)
-        kept = ground & (size <= 3 * max(float(np.median(size[ground])), NOISE))
-    scaled = residual / np.sqrt(residual[kept].var(axis=0) + NOISE**2)
+        factors = _fit(places[kept], colours[kept])
+        off = colours - places @ factors
+        size = np.linalg.norm(off, axis=1)
+        kept = size <= 3 * max(float(np.median(size)), NOISE)
+    scaled = (lab - powers @ factors) / np.sqrt(off[kept].var(axis=0) + NOISE**2)
     rows = np.digitize(scaled[..., 0], LIGHTNESS[1:-1])
     columns = np.digitize(np.hypot(scaled[..., 1], scaled[..., 2]), HUE[1:-1])
     bins: Residual = (rows * (len(HUE) - 1) + columns).astype(np.int64)
     return bins
 
 
-def _powers(height: int, width: int) -> NDArray[np.float32]:
+def _fit(places: Floats, colours: Floats) -> Floats:
+    """Return the factors [10, 3] of powers [N, 10] that come closest to colours [N, 3].
+
+    By the normal equations: powers of -1 to 1 up to the third are far from dependent.
+    """
+    square = places.T @ places
+    factors: Floats = np.linalg.solve(square.astype(np.float64), places.T @ colours)
+    return factors.astype(np.float32)
+
+
+def _powers(height: int, width: int) -> Floats:
     """Return x^i y^j with i + j up to the degree [H, W, 10]; x and y go from -1 to 1."""
     y, x = np.mgrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j].astype(np.float32)
     powers = [x**i * y**j for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)]

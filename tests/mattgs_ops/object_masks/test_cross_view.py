@@ -13,7 +13,8 @@ from mattgs_ops.capture.masks import mask_name
 from mattgs_ops.capture.scene import PreparedCapture, Scene, SparsePoints, View
 from mattgs_ops.capture.sparse import SparseImage, SparseModel
 from mattgs_ops.object_masks import cross_view
-from mattgs_ops.object_masks.cross_view import agree, read_mask
+from mattgs_ops.object_masks.agreed_masks import read_mask
+from mattgs_ops.object_masks.cross_view import agree
 from mattgs_ops.object_masks.photo_evidence import plain_ground
 from mattgs_ops.object_masks.silhouettes import iou
 from mattgs_ops.segment.mask_report import MaskReport, ViewReport

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from mattgs_ops.capture.masks import SoftMap
-from mattgs_ops.object_masks.decision import MOST_ATTACHED, UNCONFIRMED, Decision, decide
+from mattgs_ops.object_masks.decision import Decision, decide, half_meet_best
 from mattgs_ops.object_masks.silhouettes import Silhouettes, iou, predict
 from mattgs_ops.object_masks.splat_labels import Place
-from mattgs_ops.object_masks.splat_votes import Votes
+from mattgs_ops.object_masks.splat_votes import LEVELS, Votes
+from mattgs_ops.object_masks.witnesses import MOST_ATTACHED, UNCONFIRMED
 from tests.mattgs_ops.object_masks.ball import CENTRE, HEIGHT, RADIUS, VIEWS, WIDTH, orbit, truth
 
 CAMERAS = orbit()
@@ -69,6 +70,10 @@ def test_outlines_through_even_ground_are_not_believed() -> None:
     assert found.masks == "maps"
     assert found.votes == found.silhouettes
     assert found.confirmed["votes"] < found.confirmed["maps"]
+
+
+def test_half_meet_best_is_the_largest_level_that_is_tried() -> None:
+    assert [level for level in LEVELS if half_meet_best(level)] == [max(LEVELS)]
 
 
 @pytest.mark.parametrize("level", [0.375, 0.5])

@@ -27,8 +27,10 @@ def test_a_distortion_that_nobody_sees_is_not_worth_a_resampling() -> None:
     assert assemble.pinhole_conversion(strong).resample is not None
 
 
-@pytest.mark.parametrize("k", [-0.15, 0.12])
-def test_dots_photos_masks_and_key_points_move_together(tmp_path: Path, k: float) -> None:
+@pytest.mark.parametrize(("k", "threads"), [(-0.15, 1), (0.12, 3)])
+def test_dots_photos_masks_and_key_points_move_together(
+    tmp_path: Path, k: float, threads: int
+) -> None:
     """A dot drawn where the lens puts it is found where the pinhole puts it."""
     camera = ColmapCamera("SIMPLE_RADIAL", *SIZE, (300.0, 160.0, 120.0, k))
     rays = np.array([[0.3, 0.2], [-0.35, 0.25], [0.0, -0.3], [0.4, -0.05]])
@@ -52,7 +54,7 @@ def test_dots_photos_masks_and_key_points_move_together(tmp_path: Path, k: float
     model = SparseModel({1: camera}, images, xyz, np.zeros((4, 3), np.uint8), np.zeros(4))
 
     out, pinholes, conversions = assemble.write_views(
-        capture, tmp_path / "masks", model, tmp_path / "out"
+        capture, tmp_path / "masks", model, tmp_path / "out", threads=threads
     )
     keypoints = tmp_path / "k.npz"
     np.savez(keypoints, names=np.array([v.name for v in views]), counts=np.ones(4, int), xy=lens)
@@ -73,6 +75,6 @@ def test_dots_photos_masks_and_key_points_move_together(tmp_path: Path, k: float
             # ids are whole numbers: each pixel is its nearest neighbour's
             off = 0.6 if path == view.ids else 0.35
             assert np.allclose(centre, expected, atol=off), path
-    points = assemble.vote(out, pinholes)
+    points = assemble.vote(out, pinholes, threads=threads)
     assert points.object_share.tolist() == [1, 1, 1, 1]
     assert points.views_seen.tolist() == [1, 1, 1, 1]

@@ -2,9 +2,14 @@
 
 import cv2
 import numpy as np
+import pytest
 from scipy.ndimage import gaussian_filter
 
-from mattgs_ops.object_masks.photo_evidence.colours import ask_colours, by_colours, share_alike
+from mattgs_ops.object_masks.photo_evidence.colours import (
+    by_colours,
+    cut_by_colours,
+    share_alike,
+)
 from mattgs_ops.object_masks.silhouettes import iou
 
 SIDE, VIEWS = 160, 6
@@ -35,32 +40,38 @@ def filled(mask: np.ndarray) -> np.ndarray:
     return np.where(hole, 0.7, soft).astype(np.float32)
 
 
-def test_what_is_paper_by_colour_is_cut_away() -> None:
+@pytest.mark.parametrize("threads", [1, 3])
+def test_what_is_paper_by_colour_is_cut_away(threads: int) -> None:
     truths = [ring(view) for view in range(VIEWS)]
     photos = [photo_of(mask, 3) for mask in truths]
     agreed = [filled(mask) for mask in truths]
-    found = ask_colours(photos, truths, agreed, [True] * VIEWS)
+    trained = [True] * (VIEWS - 1) + [False]  # a held-out view is cut, too
+    found, maps = cut_by_colours(photos, truths, agreed, trained, threads=threads)
     assert found is not None
     assert found.used
     assert found.on_edges[1] > found.on_edges[0]
     assert found.own_maps[1] > found.own_maps[0]
-    for photo, soft, true in zip(photos, agreed, truths, strict=True):
-        assert iou(by_colours(photo, soft) >= 0.5, true > 0) > 0.95 > iou(soft >= 0.5, true > 0)
+    for photo, soft, cut, true in zip(photos, agreed, maps, truths, strict=True):
+        assert np.array_equal(cut, by_colours(photo, soft))
+        assert iou(cut >= 0.5, true > 0) > 0.95 > iou(soft >= 0.5, true > 0)
 
 
 def test_maps_that_say_otherwise_are_not_overruled() -> None:
     truths = [ring(view) for view in range(VIEWS)]
     photos = [photo_of(mask, 3) for mask in truths]
     agreed = [filled(mask) for mask in truths]
-    found = ask_colours(photos, agreed, agreed, [True] * VIEWS)
+    found, maps = cut_by_colours(photos, agreed, agreed, [True] * VIEWS)
     assert found is not None
     assert not found.used
+    assert all(a is b for a, b in zip(maps, agreed, strict=True))
 
 
 def test_outlines_that_lie_on_edges_need_nothing() -> None:
     truths = [ring(view) for view in range(VIEWS)]
     photos = [photo_of(mask, 3) for mask in truths]
-    assert ask_colours(photos, truths, truths, [True] * VIEWS) is None
+    found, maps = cut_by_colours(photos, truths, truths, [True] * VIEWS)
+    assert found is None
+    assert all(a is b for a, b in zip(maps, truths, strict=True))
 
 
 def test_held_out_views_are_not_asked() -> None:
@@ -68,8 +79,8 @@ def test_held_out_views_are_not_asked() -> None:
     photos = [photo_of(mask, 3) for mask in truths]
     agreed = [*truths[:3], *map(filled, truths[3:])]
     trained = [True] * 3 + [False] * 3
-    assert ask_colours(photos, truths, agreed, trained) is None
-    assert ask_colours(photos, truths, agreed, trained[::-1]) is not None
+    assert cut_by_colours(photos, truths, agreed, trained)[0] is None
+    assert cut_by_colours(photos, truths, agreed, trained[::-1])[0] is not None
 
 
 def test_a_colour_is_the_things_where_more_of_the_thing_has_it() -> None:

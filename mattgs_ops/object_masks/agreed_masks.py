@@ -1,0 +1,139 @@
+"""Write what the views agree on: a scene with new masks, maps, votes of the points and reports.
+
+``masks.json`` says what each mask is like and how it was made; ``extra["agreement"]`` of the scene
+holds the decision, which views kept their own mask, and how much the others' changed.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mattgs_ops.capture import sparse
+from mattgs_ops.capture.formats.colmap_model import read_model
+from mattgs_ops.capture.masks import Mask, SoftMap, clean, mask_name, quality, threshold, write_mask
+from mattgs_ops.capture.scene import PreparedCapture, Scene, View
+from mattgs_ops.errors import StageError
+from mattgs_ops.object_masks.photo_evidence.edges import to_photo_edges
+from mattgs_ops.object_masks.silhouettes import CONTRADICT, HALF, iou
+from mattgs_ops.parallel import over_views
+from mattgs_ops.segment.mask_report import MaskReport, ViewReport, border_share, flags_of
+from mattgs_ops.sfm.assemble import vote
+
+
+@dataclass(frozen=True)
+class Outline:
+    """A view's map [H, W] in [0, 1]; ``at_edges``: whether its outline moves to the photo's."""
+
+    soft: SoftMap
+    at_edges: bool
+
+
+@dataclass(frozen=True)
+class _Written:
+    """A view's row of the mask report, its mask's share of the border, and what became of it.
+
+    ``overlap`` is the IoU with the network's own mask; None where that was kept.
+    """
+
+    row: ViewReport
+    border: float
+    overlap: float | None
+    empty: bool
+
+
+def write(
+    scene: Scene,
+    capture: PreparedCapture,
+    out: Path,
+    before: MaskReport,
+    agreed: Mapping[str, Outline],
+    decision: dict[str, Any],
+    threads: int,
+) -> Scene:
+    """Write masks, maps and votes into ``out``, a copy of ``scene``, and return the new scene.
+
+    ``agreed`` has the outline of each view that has a camera, by name, ``before`` is the report on
+    the photos' own masks, ``decision`` goes into ``extra["agreement"]``.
+    """
+    old = {row.name: row for row in before.views}
+    truths = {view.name: view.mask for view in capture.views if capture.masks_are == "truth"}
+
+    def write_one(view: View) -> _Written:
+        outline, truth = agreed.get(view.name), truths.get(view.name)
+        return _write_view(view, out, old[view.name], outline, truth)
+
+    written = over_views(write_one, scene.views, threads=threads)
+    overlaps = {one.row.name: one.overlap for one in written if one.overlap is not None}
+    differs = [overlaps.get(one.row.name, 1.0) < CONTRADICT for one in written]
+    shares, borders = [one.row.foreground for one in written], [one.border for one in written]
+    flags = flags_of(shares, borders, differs)
+    reports = tuple(replace(one.row, flags=flag) for one, flag in zip(written, flags, strict=True))
+    MaskReport(before.source, "votes", before.model, reports).save(out / "masks.json")
+    agreed_scene = Scene.load(out)
+    points = vote(agreed_scene.views, read_model(out / "sparse" / "0"), threads=threads)
+    extra = dict(scene.extra) | {
+        "object_points": len(sparse.on_object(points).xyz),
+        "dropped": [one.row.name for one in written if one.empty],
+        "agreement": decision
+        | {
+            "kept": [one.row.name for one in written if one.overlap is None],
+            "overlap": overlaps,
+            "mean_iou_before": before.mean_iou,
+        },
+    }
+    done = replace(agreed_scene, extra=extra)
+    done.save(points)
+    return done
+
+
+def _write_view(
+    view: View, out: Path, old: ViewReport, outline: Outline | None, truth: Path | None
+) -> _Written:
+    """Write a view's mask and map; what the network said stays where the views agree on none."""
+    own = read_mask(out / "masks" / mask_name(view.name))
+    mask = None if outline is None else _mask(outline, view)
+    if outline is None or mask is None or not mask.any():
+        return _Written(old, border_share(own), None, empty=not own.any())
+    full = cv2.resize(outline.soft, (view.width, view.height), interpolation=cv2.INTER_LINEAR)
+    write_mask(out / "masks" / mask_name(view.name), mask)
+    write_mask(out / "soft" / mask_name(view.name), np.rint(full * 255).astype(np.uint8))
+    scored = None if truth is None else quality(mask, read_mask(truth), full)
+    row = ViewReport(view.name, float((mask > 0).mean()), (), scored)
+    overlap = round(iou(own > 0, mask > 0), 4)
+    return _Written(row, border_share(mask), overlap, empty=False)
+
+
+def keep(scene: Scene, out: Path, reason: str) -> Scene:
+    """Return the copy of ``scene`` in ``out`` as it is, with the reason."""
+    kept = replace(Scene.load(out), extra=dict(scene.extra) | {"agreement": {"none": reason}})
+    kept.save(scene.points())
+    return kept
+
+
+def _mask(outline: Outline, view: View) -> Mask:
+    """Threshold a map at the photo's size; outlines by votes or ground move to its edges."""
+    size = view.width, view.height
+    full = cv2.resize(outline.soft, size, interpolation=cv2.INTER_CUBIC)
+    mask = clean(threshold(full, HALF))
+    return clean(to_photo_edges(mask, read_photo(view))) if outline.at_edges else mask
+
+
+def read_photo(view: View) -> NDArray[np.uint8]:
+    """Read a view's photo [H, W, 3] BGR; raises :class:`StageError` naming the file."""
+    pixels = cv2.imread(str(view.photo), cv2.IMREAD_COLOR)
+    if pixels is None:
+        raise StageError(f"{view.photo}: expected a readable image")
+    return np.asarray(pixels, dtype=np.uint8)
+
+
+def read_mask(path: Path) -> Mask:
+    """Read a mask or an 8-bit map [H, W]; raises :class:`StageError` naming the file."""
+    pixels = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    if pixels is None:
+        raise StageError(f"{path}: expected a readable image")
+    return np.asarray(pixels, dtype=np.uint8)

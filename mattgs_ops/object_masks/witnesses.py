@@ -1,0 +1,99 @@
+"""What photos say about outlines, by two witnesses: each photo's own map, and its edges.
+
+``Witnessed`` holds what both say of a set of maps, one a view. ``judge_parts`` asks them, and the
+object's colours, whether the parts that are attached to the votes' object join it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mattgs_ops.capture.masks import SoftMap
+from mattgs_ops.object_masks.photo_evidence.colours import share_alike
+from mattgs_ops.object_masks.photo_evidence.edges import share_on_edges, surely_larger
+from mattgs_ops.object_masks.silhouettes import HALF, overlaps
+
+# Outlines are coarse, and fur has no edge: some of each runs beside the photo's edges. A quarter
+# more of it than of the outline that it would replace is not that.
+UNCONFIRMED = 0.25
+MOST_ATTACHED = 0.5  # of the certain area: what adds more is no correction unless colours say so
+
+Bits = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Witnessed:
+    """Maps [H, W] of V views with what the two witnesses say of each.
+
+    ``on_edges`` is the share of its outline on edges of the photo, ``met`` its IoU with the
+    photo's own map.
+    """
+
+    maps: Sequence[SoftMap]
+    on_edges: list[float]
+    met: list[float]
+
+    @classmethod
+    def of(
+        cls, maps: Sequence[SoftMap], own: Sequence[SoftMap], edges: Sequence[Bits]
+    ) -> "Witnessed":
+        """Ask edges and own maps about ``maps``."""
+        shares = [share_on_edges(one >= HALF, edge) for one, edge in zip(maps, edges, strict=True)]
+        return cls(maps, shares, overlaps(own, maps))
+
+    def confirmed(self, views: Sequence[int]) -> float:
+        """Return the mean share of these views' outlines that lies on edges."""
+        return float(np.mean([self.on_edges[k] for k in views]))
+
+    def area(self, views: Sequence[int]) -> float:
+        """Return the sum of these views' shares of object."""
+        return sum(float((self.maps[k] >= HALF).mean()) for k in views)
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Whether attached parts join; ``added`` is the area they add to that of the votes.
+
+    ``alike`` is the share of it that has the object's colours, where it was asked for.
+    """
+
+    added: float
+    join: bool
+    alike: float | None
+
+
+def judge_parts(
+    photos: Sequence[NDArray[np.uint8]],
+    certain: Witnessed,
+    whole: Witnessed,
+    views: Sequence[int],
+) -> Parts:
+    """Decide by ``views`` whether the votes' object, ``certain``, becomes ``whole``.
+
+    Few parts join where the photos confirm their outlines about as well as those of the votes, and
+    not both witnesses are against them. Many join where their outlines are confirmed as well and
+    they have the object's colours.
+    """
+    added = max(0.0, whole.area(views) / max(certain.area(views), 1e-9) - 1)
+    confirmed, before = whole.confirmed(views), certain.confirmed(views)
+    if added <= MOST_ATTACHED:
+        near = confirmed >= before - UNCONFIRMED
+        return Parts(added, near and not _denied_by_both(certain, whole, views), None)
+    alike = [
+        share_alike(photos[k], thing := certain.maps[k] >= HALF, both & ~thing, ~both)
+        for k in views
+        for both in [whole.maps[k] >= HALF]
+    ]
+    join = confirmed >= before and surely_larger(alike, [HALF] * len(alike))
+    return Parts(added, join, float(np.mean(alike)))
+
+
+def _denied_by_both(certain: Witnessed, whole: Witnessed, views: Sequence[int]) -> bool:
+    """Whether attached parts lead outlines away from photos' edges and masks from photos' maps.
+
+    Maps alone must not deny them: they miss the very parts that join.
+    """
+    pairs = ((certain.on_edges, whole.on_edges), (certain.met, whole.met))
+    return all(surely_larger(*([one[k] for k in views] for one in pair)) for pair in pairs)

@@ -130,7 +130,7 @@ def row(
             f"{e.position_mean:.3%} / {e.position_max:.3%}",
         ]
     cells = [capture.name, program, str(threads), f"{len(cameras)} / {len(capture.views)}"]
-    cells += [f"{points:,}", f"{error:.2f}", *poses, *(f"{s:.0f}" for s in seconds)]
+    cells += [f"{points:,}", f"{error:.2f}", *poses, *(f"{s:.1f}" for s in seconds)]
     return "| " + " | ".join(cells) + " |"
 
 

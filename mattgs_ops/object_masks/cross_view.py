@@ -74,7 +74,7 @@ def agree(
     plain, own_by_ground = correct_by_ground(photos, own, trained, threads=threads)
     if plain.used:
         maps = own = own_by_ground
-    outlines = silhouettes.predict(cameras, _shrunk(maps, cameras), trained, threads=threads)
+    outlines = silhouettes.predict(cameras, _shrunk(maps, cameras), trained)
     if outlines is None:
         return keep(scene, out, "the photos' maps share no object")
     splats = train_surfaces(

@@ -12,7 +12,6 @@ which on a ray counts is the one of :data:`SHARES` with the best agreement.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import cv2
 import numpy as np
@@ -20,7 +19,6 @@ from numpy.typing import NDArray
 
 from mattgs_ops.capture.camera import Camera
 from mattgs_ops.capture.masks import SoftMap
-from mattgs_ops.parallel import over_views
 
 SIDE = 128  # pixels of the longest side at which silhouettes are compared: maps are coarse
 GRID = 80  # points along each axis of the cube around the object
@@ -59,11 +57,7 @@ class Silhouettes:
 
 
 def predict(
-    cameras: Sequence[Camera],
-    maps: Sequence[SoftMap],
-    trained: Sequence[bool] | None = None,
-    *,
-    threads: int = 1,
+    cameras: Sequence[Camera], maps: Sequence[SoftMap], trained: Sequence[bool] | None = None
 ) -> Silhouettes | None:
     """Predict every view's map from the others'; ``maps`` [H, W] in [0, 1] fit their cameras.
 
@@ -79,7 +73,7 @@ def predict(
     points = _points(cameras, own, speaking)
     if points is None:
         return None
-    places = over_views(partial(_pixels, points), cameras, threads=threads)
+    places = [_pixels(camera, points) for camera in cameras]
     seen, said = np.zeros(len(points), np.int32), np.zeros(len(points), np.int32)
     for mask, (index, inside), speaks in zip(own, places, speaking, strict=True):
         if speaks:
@@ -208,7 +202,7 @@ def _points(
     return ball
 
 
-def _pixels(points: Floats, camera: Camera) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+def _pixels(camera: Camera, points: Floats) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """Return each point's pixel as an index into the flat image [P], and whether it is inside."""
     size = camera.intrinsics
     places, depths = camera.project(points)

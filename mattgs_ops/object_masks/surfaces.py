@@ -34,7 +34,5 @@ def train_surfaces(
     ``resolution`` is the longest side in pixels. Same seed, same splats, whatever the number of
     threads. Raises what reading photos and a step of training raise.
     """
-    experiment = Experiment(
-        scene, PLAIN, FAST, WITHOUT_GLOSS, iterations, resolution, seed
-    )
+    experiment = Experiment(scene, PLAIN, FAST, WITHOUT_GLOSS, iterations, resolution, seed)
     return train_in_memory(experiment, threads=threads, progress=progress)

@@ -92,7 +92,9 @@ def agree(
             votes = splat_votes.masks_of(
                 ballot, shown, cut_ground=cut_ground, half_needed=half_needed, threads=threads
             )
-        decision, agreed = decide(names, photos, own, outlines, votes, trained)
+        decision, agreed = decide(
+            names, photos, own, outlines, votes, trained, plain_ground=plain.used
+        )
         return _Judged(decision, agreed, ground, cut_ground and ground is not None, half_needed)
 
     found = judged()

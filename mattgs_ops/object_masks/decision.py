@@ -10,7 +10,8 @@ The true masks are unknown, but both can be compared with each view's own map:
 
 The photos are the second test: no object ends in the middle of even black cloth. Each agreement is
 therefore multiplied by the share of the outlines, of votes and of maps, that lies on photos' edges.
-Where votes score at least as well, they are the masks, even against a view's own map. Elsewhere a
+Where votes score at least as well, they are the masks, even against a view's own map; on plain
+ground only where their outlines lie on edges at least as much as those of the maps. Elsewhere a
 view's own map is corrected, not replaced: the average of own map, silhouettes and votes, weighted
 by their agreement; and not even that where the photos' edges are against it.
 
@@ -100,12 +101,15 @@ def decide(
     silhouettes: Silhouettes,
     votes: Votes | None,
     trained: Sequence[bool] | None = None,
+    *,
+    plain_ground: bool = False,
 ) -> tuple[Decision, list[SoftMap]]:
     """Return the decision, and each view's map [H, W] in [0, 1]: 0.5 is the outline.
 
     ``photos`` [H, W, 3] and ``own`` [H, W] have the size of the votes. What holds for the capture
     is decided by the views that are ``trained`` on (None: all are); the others get masks by that
-    decision and do not influence it.
+    decision and do not influence it. ``plain_ground``: the maps were corrected by a ground that has
+    no edges of its own.
     """
     deciding = [index for index in range(len(names)) if trained is None or trained[index]]
     edges = [edges_near(photo) for photo in photos]
@@ -124,6 +128,8 @@ def decide(
     speaking = [k for k in deciding if (own[k] >= HALF).any()]
     agreement = _votes_agreement(votes, voted, speaking)
     objection = _objection(silhouettes.mean, agreement, confirmed)
+    if plain_ground:
+        objection = objection or _objection_of_edges(voted.confirmed(deciding), confirmed["maps"])
     strange = _unlike_trained(voted.met, by_outline, deciding)
     sources = [
         _source(objection, *view)
@@ -248,6 +254,19 @@ def _objection(silhouettes: float, votes: float, confirmed: dict[str, float]) ->
         f"votes meet the photos' maps to {votes:.2f} and the photos' edges to "
         f"{confirmed['votes']:.2f}, less than silhouettes, {silhouettes:.2f}, and maps, "
         f"{confirmed['maps']:.2f}, do"
+    )
+
+
+def _objection_of_edges(votes: float, maps: float) -> str:
+    """Say why votes are not used on plain ground; empty where they are.
+
+    What is an edge there is the object's, and splats hang in front of the ground as they please.
+    """
+    if votes >= maps:
+        return ""
+    return (
+        f"on plain ground the photos' edges confirm the outlines of the votes to {votes:.3f}, "
+        f"less than those of the maps, {maps:.3f}"
     )
 
 

@@ -72,6 +72,23 @@ def test_outlines_through_even_ground_are_not_believed() -> None:
     assert found.confirmed["votes"] < found.confirmed["maps"]
 
 
+@pytest.mark.parametrize("plain", [False, True])
+def test_on_plain_ground_votes_must_lie_on_edges_as_much_as_maps(plain: bool) -> None:
+    """Votes meet the maps better than silhouettes do, but run beside the photos' edges."""
+    beside = [t.copy() for t in TRUTHS]
+    for soft, camera in zip(beside, CAMERAS, strict=True):
+        column, row = camera.project(CENTRE[None])[0][0].astype(int)
+        soft[row - 3 : row + 3, column : column + 22] = 1
+    low = Silhouettes([soft * 0 for soft in TRUTHS], [0.0] * VIEWS, 1.0)
+    asked = NAMES, photos(), TRUTHS, low, votes(TRUTHS, beside)
+    found, maps = decide(*asked, plain_ground=plain)
+    assert found.masks == ("maps" if plain else "votes")
+    assert ("on plain ground" in found.reason) is plain
+    assert (iou(maps[0] >= 0.5, TRUTHS[0] >= 0.5) > 0.97) is plain
+    as_good, _ = decide(*asked[:4], votes(TRUTHS, TRUTHS), plain_ground=plain)
+    assert as_good.masks == "votes"
+
+
 def test_half_meet_best_is_the_largest_level_that_is_tried() -> None:
     assert [level for level in LEVELS if half_meet_best(level)] == [max(LEVELS)]
 

@@ -11,9 +11,9 @@ The true masks are unknown, but both can be compared with each view's own map:
 The photos are the second test: no object ends in the middle of even black cloth. Each agreement is
 therefore multiplied by the share of the outlines, of votes and of maps, that lies on photos' edges.
 Where votes score at least as well, they are the masks, even against a view's own map; on plain
-ground only where their outlines lie on edges at least as much as those of the maps. Elsewhere a
-view's own map is corrected, not replaced: the average of own map, silhouettes and votes, weighted
-by their agreement; and not even that where the photos' edges are against it.
+ground only where outlines of the maps miss edges, and theirs lie on them at least as much.
+Elsewhere a view's own map is corrected, not replaced: the average of own map, silhouettes and
+votes, weighted by their agreement; and not even that where the photos' edges are against it.
 
 Each splat's vote counts from the mean vote on that meets the maps best, but masks are made of a
 quarter of the votes: most maps miss more than they invent. Where half of the votes meet maps best,
@@ -35,6 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mattgs_ops.capture.masks import SoftMap
+from mattgs_ops.object_masks.photo_evidence.colours import GOOD
 from mattgs_ops.object_masks.photo_evidence.edges import edges_near, surely_larger
 from mattgs_ops.object_masks.silhouettes import CONTRADICT, HALF, Silhouettes, corrected, overlaps
 from mattgs_ops.object_masks.splat_votes import CERTAIN, Votes
@@ -260,13 +261,13 @@ def _objection(silhouettes: float, votes: float, confirmed: dict[str, float]) ->
 def _objection_of_edges(votes: float, maps: float) -> str:
     """Say why votes are not used on plain ground; empty where they are.
 
-    What is an edge there is the object's, and splats hang in front of the ground as they please.
+    What is an edge there is the object's, and splats hang in front of the ground as they please:
+    maps whose outlines lie on edges need no votes.
     """
-    if votes >= maps:
+    if maps < GOOD and votes >= maps:
         return ""
-    return (
-        f"on plain ground the photos' edges confirm the outlines of the votes to {votes:.3f}, "
-        f"less than those of the maps, {maps:.3f}"
+    return f"on plain ground the photos' edges confirm the outlines of the maps to {maps:.3f}, " + (
+        f"those of the votes to {votes:.3f}" if maps < GOOD else "which leaves nothing to mend"
     )
 
 

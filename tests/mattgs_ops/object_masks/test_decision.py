@@ -85,8 +85,20 @@ def test_on_plain_ground_votes_must_lie_on_edges_as_much_as_maps(plain: bool) ->
     assert found.masks == ("maps" if plain else "votes")
     assert ("on plain ground" in found.reason) is plain
     assert (iou(maps[0] >= 0.5, TRUTHS[0] >= 0.5) > 0.97) is plain
-    as_good, _ = decide(*asked[:4], votes(TRUTHS, TRUTHS), plain_ground=plain)
-    assert as_good.masks == "votes"
+
+
+@pytest.mark.parametrize(("mended", "masks"), [(False, "votes"), (True, "maps")])
+def test_on_plain_ground_maps_whose_outlines_lie_on_edges_need_no_votes(
+    mended: bool, masks: str
+) -> None:
+    """Votes that are as right as can be replace maps that leak onto the ground, and no others."""
+    own = [t.copy() for t in TRUTHS]
+    for soft in own if not mended else []:
+        soft[60:66, 4:40] = 1
+    low = Silhouettes([soft * 0 for soft in TRUTHS], [0.0] * VIEWS, 1.0)
+    found, _ = decide(NAMES, photos(), own, low, votes(own, TRUTHS), plain_ground=True)
+    assert found.masks == masks
+    assert ("nothing to mend" in found.reason) is mended
 
 
 def test_half_meet_best_is_the_largest_level_that_is_tried() -> None:

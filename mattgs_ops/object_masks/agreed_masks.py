@@ -11,7 +11,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from mattgs_ops.capture import sparse
 from mattgs_ops.capture.formats.colmap_model import read_model
@@ -22,7 +21,7 @@ from mattgs_ops.object_masks.photo_evidence.edges import to_photo_edges
 from mattgs_ops.object_masks.silhouettes import CONTRADICT, HALF, iou
 from mattgs_ops.parallel import over_views
 from mattgs_ops.segment.mask_report import MaskReport, ViewReport, border_share, flags_of
-from mattgs_ops.sfm.assemble import vote
+from mattgs_ops.sfm.assemble import read_photo, vote
 
 
 @dataclass(frozen=True)
@@ -121,14 +120,6 @@ def _mask(outline: Outline, view: View) -> Mask:
     full = cv2.resize(outline.soft, size, interpolation=cv2.INTER_CUBIC)
     mask = clean(threshold(full, HALF))
     return clean(to_photo_edges(mask, read_photo(view))) if outline.at_edges else mask
-
-
-def read_photo(view: View) -> NDArray[np.uint8]:
-    """Read a view's photo [H, W, 3] BGR; raises :class:`StageError` naming the file."""
-    pixels = cv2.imread(str(view.photo), cv2.IMREAD_COLOR)
-    if pixels is None:
-        raise StageError(f"{view.photo}: expected a readable image")
-    return np.asarray(pixels, dtype=np.uint8)
 
 
 def read_mask(path: Path) -> Mask:

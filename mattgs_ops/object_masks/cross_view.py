@@ -27,7 +27,7 @@ from mattgs_ops.capture.camera import Camera
 from mattgs_ops.capture.masks import SoftMap, mask_name
 from mattgs_ops.capture.scene import PreparedCapture, Scene, View
 from mattgs_ops.object_masks import silhouettes, splat_votes
-from mattgs_ops.object_masks.agreed_masks import Outline, keep, read_mask, read_photo, write
+from mattgs_ops.object_masks.agreed_masks import Outline, keep, read_mask, write
 from mattgs_ops.object_masks.decision import Decision, ViewEvidence, decide, half_meet_best
 from mattgs_ops.object_masks.ground_plane import Plane
 from mattgs_ops.object_masks.photo_evidence.colours import ColourEvidence, cut_by_colours
@@ -37,6 +37,7 @@ from mattgs_ops.object_masks.surfaces import train_surfaces
 from mattgs_ops.parallel import over_views
 from mattgs_ops.progress import Progress, no_progress
 from mattgs_ops.segment.mask_report import MaskReport
+from mattgs_ops.sfm.assemble import read_photo
 from mattgs_ops.splat.photos import camera_at
 
 # Of the short training. Half the steps at 256 pixels leave splats that straddle outlines: even with

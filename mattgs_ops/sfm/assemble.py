@@ -109,7 +109,7 @@ def _write_view(
         shutil.copyfile(mask_path(masks, view), mask)
     else:
         soft_by, ids_by, coverage_by = _soft(lens), lens.ids, lens.coverage
-        _write(photo, lens.photo(_read_photo(view)))
+        _write(photo, lens.photo(read_photo(view)))
         _write(mask, lens.mask(read_mask(masks, view)))
     if soft is not None:
         _write_map(soft / name, soft_by, out / "soft" / name)
@@ -182,7 +182,8 @@ def _soft(resample: Undistortion) -> Callable[[Grey], Grey]:
     )
 
 
-def _read_photo(view: View) -> NDArray[np.uint8]:
+def read_photo(view: View) -> NDArray[np.uint8]:
+    """Read a view's photo [H, W, 3] BGR; raises :class:`StageError` naming the file."""
     photo = cv2.imread(str(view.photo), cv2.IMREAD_COLOR)
     if photo is None:
         raise StageError(f"{view.photo}: expected a readable photo")

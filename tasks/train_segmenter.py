@@ -1,4 +1,7 @@
-"""Train the segmenter (``mattgs_ops/segment/network``), follow it in MLflow, export it to ONNX."""
+"""Train the networks that cut objects out, follow them in MLflow, export them to ONNX.
+
+The segmenter is that of ``mattgs_ops/segment/network``, the outline's of ``…/outline``.
+"""
 
 import hashlib
 from pathlib import Path
@@ -8,6 +11,8 @@ from mattgs_ops.segment.network.export import export
 from mattgs_ops.segment.network.train import identity_of, train
 from mattgs_ops.segment.network.train_config import SegmentTrainConfig
 from mattgs_ops.segment.network.u2net import U2Net, load_weights
+from mattgs_ops.segment.outline import train as outline
+from mattgs_ops.segment.outline.train_config import OutlineTrainConfig
 from tasks.registry.segmenter_training import TrainingRun
 
 KEY_LETTERS = 12
@@ -39,4 +44,25 @@ def train_segmenter(
         raise
     files = [folder / name for name in ("curve.csv", "training.json")]
     run.end("FINISHED", [onnx, report.weights, *(path for path in files if path.is_file())])
+    return onnx
+
+
+def train_outline(
+    config: OutlineTrainConfig,
+    folder: Path,
+    tracking_uri: str,
+    out: Path,
+    *,
+    progress: Progress = no_progress,
+) -> Path:
+    """Train into ``folder`` and return the outline's ONNX file; else as ``train_segmenter``."""
+    document = config.model_dump(mode="json")
+    key = hashlib.sha256(config.model_dump_json().encode()).hexdigest()[:KEY_LETTERS]
+    run = TrainingRun(tracking_uri, out / "mlflow-artifacts", key, document)
+    try:
+        onnx = outline.train(config, folder, on_metrics=run.log, progress=progress)
+    except BaseException:  # an interruption too: the run must not look as if it still went on
+        run.end("FAILED")
+        raise
+    run.end("FINISHED", [onnx, folder / "outline.pth", folder / "curve.csv"])
     return onnx

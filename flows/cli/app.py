@@ -9,6 +9,7 @@ import typer
 
 from flows.cli import gate, operate, results
 from flows.cli.arguments import DEFAULT_OUT, Out
+from flows.cli.making import captures, segment
 from mattgs_ops.errors import InputError, MattgsError
 
 EXIT_FAILED, EXIT_INPUT, EXIT_EXPERIMENTS, EXIT_INTERRUPTED = 1, 2, 3, 130
@@ -165,113 +166,8 @@ def status(
 gate.register(app)
 operate.register(app)
 results.register(app)
-
-captures_app = typer.Typer(help="Captures that come with the project.", no_args_is_help=True)
-app.add_typer(captures_app, name="captures")
-
-
-@captures_app.command("render")
-def render(
-    name: Annotated[str, typer.Argument(help="rover, hexapod, lattepanda or desk_extra.")],
-    out: Annotated[Path, typer.Option(help="Folder to make, or to go on with.")],
-    views: Annotated[int, typer.Option(help="Number of training photos.")] = 48,
-    test_views: Annotated[int, typer.Option(help="Number of further photos to test with.")] = 24,
-    resolution: Annotated[str, typer.Option(help="WIDTHxHEIGHT in pixels.")] = "800x600",
-    samples: Annotated[
-        int | None, typer.Option(help="Light paths per pixel; more is less noisy.")
-    ] = None,
-    test_samples: Annotated[int | None, typer.Option(help="The same for test photos.")] = None,
-    seed: Annotated[int, typer.Option(help="Another seed, another desk and walk.")] = 0,
-) -> None:
-    """Render a capture: photos, masks and cameras (needs the extra `captures`).
-
-    The same command after an interruption goes on with the next view.
-    """
-    from flows.cli.options import size
-    from flows.cli.terminal import bar
-    from mattgs_ops.synthetic import render as rendering
-
-    width, height = size(resolution, "--resolution")
-    making = rendering.Making(
-        name,
-        seed=seed,
-        views=views,
-        test_views=test_views,
-        width=width,
-        height=height,
-        samples=rendering.SAMPLES if samples is None else samples,
-        test_samples=rendering.TEST_SAMPLES if test_samples is None else test_samples,
-    )
-    with bar(f"render {name}") as progress:
-        rendering.render_capture(making, out, progress=progress)
-    typer.echo(f"Capture: {out.resolve()}")
-
-
-@captures_app.command("evaluation")
-def render_evaluation(
-    out: Annotated[Path, typer.Argument(help="Folder of the sets, one capture each.")],
-    sets: Annotated[str | None, typer.Option(help="Some of them, OBJECT-GROUND,…")] = None,
-    views: Annotated[int, typer.Option(help="48, 24 or 12 of each walk.")] = 48,
-) -> None:
-    """Render the evaluation sets for masks: objects on grounds, with exact masks.
-
-    Three objects on six grounds, by which some bounds were chosen, and five sets that only judge.
-
-    What is there is kept: a later call adds views or sets (needs the extra `captures`).
-    """
-    from flows.cli.options import words
-    from flows.cli.terminal import bar
-    from mattgs_ops.synthetic import evaluation_sets
-
-    with bar("render evaluation sets") as progress:
-        names = words(sets) or evaluation_sets.NAMES
-        evaluation_sets.render_sets(out, names, views=views, progress=progress)
-    typer.echo(f"Evaluation sets: {out.resolve()}")
-
-
-segment_app = typer.Typer(help="The network that cuts objects out.", no_args_is_help=True)
-app.add_typer(segment_app, name="segment")
-
-
-@segment_app.command("train")
-def train_segmenter(
-    folder: Annotated[Path, typer.Argument(help="Folder for weights, curve and ONNX file.")],
-    config: Annotated[Path | None, typer.Option(help="Training as a TOML file.")] = None,
-    start_from: Annotated[
-        Path | None, typer.Option(help="Weights (.pth) to go on from.", exists=True, dir_okay=False)
-    ] = None,
-    out: Out = DEFAULT_OUT,
-) -> None:
-    """Train U²-Net, with its curve in MLflow, and export it to ONNX.
-
-    An interrupted training goes on from its checkpoint. `segment.model` takes the ONNX file.
-    """
-    from flows.cli.terminal import bar
-    from flows.services import embedded
-    from mattgs_ops.segment.network.train_config import SegmentTrainConfig, load_train_config
-    from tasks.train_segmenter import train_segmenter as train
-
-    settings = SegmentTrainConfig() if config is None else load_train_config(config)
-    if start_from is not None:
-        settings = settings.model_copy(update={"start_from": start_from})
-    embedded.quieten(out)
-    with bar("train U²-Net") as progress:
-        onnx = train(settings, folder, embedded.tracking_uri(out), out, progress=progress)
-    typer.echo(f"Segmenter: {onnx.resolve()}")
-
-
-@segment_app.command("combine")
-def combine_segmenters(
-    onnx: Annotated[Path, typer.Argument(help="The ONNX file to write.")],
-    networks: Annotated[
-        list[Path], typer.Argument(help="Two or more ONNX files.", exists=True, dir_okay=False)
-    ],
-) -> None:
-    """Make one ONNX file of several networks: it gives the mean of their maps."""
-    from mattgs_ops.segment.network.ensemble import combine
-
-    difference = combine(networks, onnx)
-    typer.echo(f"Segmenter: {onnx.resolve()} (within {difference:.1g} of the mean)")
+captures.register(app)
+segment.register(app)
 
 
 def main() -> None:

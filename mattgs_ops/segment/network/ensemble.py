@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from onnx import GraphProto, ModelProto, NodeProto, TensorProto, compose, helper, numpy_helper
 
 from mattgs_ops.errors import InputError, StageError
-from mattgs_ops.segment.network.export import OPSET
 from mattgs_ops.segment.network.saliency import LEAST_CONTRAST, SaliencyNetwork, stretched
+from mattgs_ops.segment.onnx_file import OPSET
 
 # on probabilities: half precision keeps 11 bits of a weight; through the hundred layers of the
 # bundled networks that became 0.0007, which leaves room for other networks

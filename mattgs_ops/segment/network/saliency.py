@@ -8,7 +8,6 @@ file.
 import hashlib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 from mattgs_ops.capture.masks import SoftMap
 from mattgs_ops.errors import InputError, StageError
 from mattgs_ops.segment.network.preprocess import network_input
+from mattgs_ops.segment.onnx_file import open_model
 
 # made by ``mattgs segment combine`` of the two networks beside it
 BUNDLED_MODEL = Path(__file__).resolve().parents[2] / "bundled" / "segmenter" / "u2netp-pair.onnx"
@@ -29,10 +29,8 @@ class SaliencyNetwork:
     """An ONNX file, checked. Raises :class:`InputError` for a file that is no such network."""
 
     def __init__(self, path: Path, *, threads: int = 1) -> None:
-        if not path.is_file():
-            raise InputError(f"{path}: expected a segmentation model (ONNX), found no such file")
         self.path = path
-        self._session = _open(path, threads)
+        self._session = open_model(path, threads, "a segmentation model")
         inputs, outputs = self._session.get_inputs(), self._session.get_outputs()
         shape = inputs[0].shape if len(inputs) == 1 else []
         if not _fits(shape, channels=3) or inputs[0].type != "tensor(float)":
@@ -109,18 +107,3 @@ def stretched(raw: NDArray[np.float32], width: int, height: int, name: str) -> S
     scaled = (raw - low) / (high - low)
     resized = cv2.resize(scaled, (width, height), interpolation=cv2.INTER_CUBIC)
     return np.asarray(np.clip(resized, 0, 1), dtype=np.float32)
-
-
-def _open(path: Path, threads: int) -> Any:
-    import onnxruntime
-
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = threads
-    options.inter_op_num_threads = 1
-    options.log_severity_level = 3  # errors only
-    # idle threads must sleep: spinning starves everything else on a shared machine
-    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
-    try:
-        return onnxruntime.InferenceSession(str(path), options, ["CPUExecutionProvider"])
-    except Exception as error:  # ONNX Runtime's own types are not public
-        raise InputError(f"{path}: expected a segmentation model (ONNX): {error}") from error

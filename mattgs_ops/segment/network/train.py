@@ -5,7 +5,6 @@ weights, in the public release's form), ``curve.csv`` (step, losses, validation 
 ``training.json``. A finished training is not done twice: it is resumed after its last step.
 """
 
-import csv
 import json
 import math
 import time
@@ -30,6 +29,12 @@ from mattgs_ops.segment.network.train_config import SegmentTrainConfig, StageCon
 from mattgs_ops.segment.network.u2net import U2Net, load_weights
 from mattgs_ops.segment.training_images.composites import Image
 from mattgs_ops.segment.training_images.path_traced import render_places
+from mattgs_ops.segment.training_state import (
+    follow,
+    log_row,
+    read_checkpoint,
+    save_checkpoint,
+)
 
 WARMUP = 50  # steps over which the rate of a leg rises from a tenth
 GRADIENT_LIMIT = 10.0  # norm; a guard against rare explosions early on, seldom active
@@ -76,7 +81,8 @@ def train(
         last = run.step == config.steps
         if run.step % config.validate_every == 0 or last:
             scores = run.validate(batches)
-            _log(out / "curve.csv", run.step, {"train_loss": loss, **scores})
+            row = {"step": run.step, "train_loss": loss, **scores}
+            log_row(out / "curve.csv", CURVE_FIELDS, row)
             if on_metrics:
                 on_metrics(run.step, {"train_loss": loss, **scores})
         if run.step % config.checkpoint_every == 0 or last:
@@ -109,24 +115,13 @@ class _Run:
         self.step, self.seconds = 0, 0.0
 
     def resume(self) -> None:
-        if not self.path.is_file():
+        state = read_checkpoint(self.path, identity_of(self.config), self.device)
+        if state is None:
             return
-        try:
-            state = torch.load(self.path, map_location=self.device, weights_only=True)
-            identity, step = state["identity"], int(state["step"])
-        except Exception as error:  # torch raises a dozen types for a broken file
-            raise InputError(
-                f"{self.path}: expected a checkpoint of a training: {error}"
-            ) from error
-        if identity != identity_of(self.config):
-            raise InputError(
-                f"{self.path}: expected a checkpoint of this configuration, found another's; "
-                "give the training a folder of its own"
-            )
         self.model.load_state_dict(state["model"])
         self.average.load_state_dict(state["average"])
         self.optimiser.load_state_dict(state["optimiser"])
-        self.step, self.seconds = step, float(state["seconds"])
+        self.step, self.seconds = int(state["step"]), float(state["seconds"])
 
     def save(self) -> None:
         state = {
@@ -137,9 +132,7 @@ class _Run:
             "average": self.average.state_dict(),
             "optimiser": self.optimiser.state_dict(),
         }
-        partial = self.path.with_suffix(".partial")
-        torch.save(state, partial)
-        partial.replace(self.path)
+        save_checkpoint(self.path, state)
 
     def advance(self, inputs: np.ndarray, truths: np.ndarray) -> float:
         """Take one step of Adam; returns the loss."""
@@ -154,7 +147,7 @@ class _Run:
         torch.nn.utils.clip_grad_norm_(self.model.parameters(), GRADIENT_LIMIT)
         self.optimiser.step()
         self.step += 1
-        self._follow()
+        follow(self.average, self.model, self.config.average, self.step)
         return float(loss.item())
 
     def _logits(self, x: Tensor) -> tuple[Tensor, ...]:
@@ -166,19 +159,6 @@ class _Run:
         with torch.autocast(self.device.type, torch.bfloat16, enabled=reduced):
             logits: tuple[Tensor, ...] = self.model(x.contiguous(memory_format=torch.channels_last))
         return tuple(output.float() for output in logits)
-
-    @torch.no_grad()
-    def _follow(self) -> None:
-        """Move the average towards the network, faster at first."""
-        decay = min(self.config.average, self.step / (self.step + 10))
-        pairs = zip(
-            self.average.state_dict().values(), self.model.state_dict().values(), strict=True
-        )
-        for mean, now in pairs:
-            if mean.is_floating_point():
-                mean.lerp_(now, 1 - decay)
-            else:
-                mean.copy_(now)
 
     @torch.no_grad()
     def validate(self, batches: Batches) -> dict[str, float]:
@@ -221,12 +201,3 @@ def learning_rate(stages: tuple[StageConfig, ...], step: int) -> float:
     rate = stage.lr_end + (stage.lr - stage.lr_end) * blend
     rise = min(WARMUP, max(1, stage.steps // 10))
     return rate * min(1.0, 0.1 + 0.9 * step / rise)
-
-
-def _log(path: Path, step: int, values: dict[str, float]) -> None:
-    new = not path.is_file()
-    with path.open("a", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, CURVE_FIELDS)
-        if new:
-            writer.writeheader()
-        writer.writerow({"step": step, **values})

@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from mattgs_ops.errors import StageError
+from mattgs_ops.segment import onnx_file
 from mattgs_ops.segment.network import export as exporting
 from mattgs_ops.segment.network.preprocess import network_input
 from mattgs_ops.segment.network.saliency import SaliencyNetwork
@@ -25,6 +26,6 @@ def test_torch_and_onnx_runtime_agree(tmp_path: Path, monkeypatch: pytest.Monkey
     with torch.no_grad():
         expected = model(torch.from_numpy(x))[0].sigmoid()[0, 0].numpy()
     assert network.raw_maps(x)[0] == pytest.approx(expected, abs=1e-4)
-    monkeypatch.setattr(exporting, "TOLERANCE", -1.0)
+    monkeypatch.setattr(onnx_file, "TOLERANCE", -1.0)
     with pytest.raises(StageError, match="expected ONNX Runtime to agree"):
         exporting.export(model, path, size=64)

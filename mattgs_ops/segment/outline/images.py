@@ -1,0 +1,44 @@
+"""Images and exact masks that the outline is trained on, drawn before the first step.
+
+Each source has a folder with ``images/NAME.png`` and ``masks/NAME.png``; what is there is kept.
+"""
+
+from pathlib import Path
+
+import cv2
+
+from mattgs_ops.progress import Progress, no_progress
+from mattgs_ops.segment.outline.train_config import OutlineTrainConfig, PaintedConfig
+from mattgs_ops.segment.training_images.composites import Composites
+from mattgs_ops.segment.training_images.path_traced import render_places
+from mattgs_ops.segment.training_images.textures import Bank
+
+
+def draw_images(
+    config: OutlineTrainConfig, out: Path, *, progress: Progress = no_progress
+) -> list[Path]:
+    """Draw what is not there yet and return the sources' folders.
+
+    Raises :class:`InputError` where views are to be rendered and Mitsuba is not installed.
+    """
+    folders = []
+    if config.painted:
+        folders.append(out / "painted")
+        _paint(config.painted, folders[-1], progress)
+    for number, places in enumerate(config.rendered):
+        folders.append(out / f"rendered{number}")
+        render_places(places, folders[-1], progress=progress)
+    return folders
+
+
+def _paint(config: PaintedConfig, out: Path, progress: Progress) -> None:
+    for name in ("images", "masks"):
+        (out / name).mkdir(parents=True, exist_ok=True)
+    source = Composites(config.seed, config.size, Bank(config.seed), world=config.world)
+    for index in range(config.count):
+        image, mask = (out / name / f"{index:04d}.png" for name in ("images", "masks"))
+        if not image.is_file():
+            drawn, truth = source.sample(index)
+            cv2.imwrite(str(mask), truth)
+            cv2.imwrite(str(image), drawn[..., ::-1])  # last: it says that both are there
+        progress(index + 1, config.count, "composites painted")

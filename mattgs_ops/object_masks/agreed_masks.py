@@ -21,15 +21,8 @@ from mattgs_ops.object_masks.photo_evidence.edges import to_photo_edges
 from mattgs_ops.object_masks.silhouettes import CONTRADICT, HALF, iou
 from mattgs_ops.parallel import over_views
 from mattgs_ops.segment.mask_report import MaskReport, ViewReport, border_share, flags_of
+from mattgs_ops.segment.outline.refine import OutlineRefiner
 from mattgs_ops.sfm.assemble import read_photo, vote
-
-
-@dataclass(frozen=True)
-class Outline:
-    """A view's map [H, W] in [0, 1]; ``at_edges``: whether its outline moves to the photo's."""
-
-    soft: SoftMap
-    at_edges: bool
 
 
 @dataclass(frozen=True)
@@ -50,21 +43,23 @@ def write(
     capture: PreparedCapture,
     out: Path,
     before: MaskReport,
-    agreed: Mapping[str, Outline],
+    agreed: Mapping[str, SoftMap],
     decision: dict[str, Any],
     threads: int,
 ) -> Scene:
     """Write masks, maps and votes into ``out``, a copy of ``scene``, and return the new scene.
 
-    ``agreed`` has the outline of each view that has a camera, by name, ``before`` is the report on
-    the photos' own masks, ``decision`` goes into ``extra["agreement"]``.
+    ``agreed`` has the map [H, W] in [0, 1] of each view that has a camera, by name; ``before`` is
+    the report on the photos' own masks; ``decision`` goes into ``extra["agreement"]``.
     """
     old = {row.name: row for row in before.views}
     truths = {view.name: view.mask for view in capture.views if capture.masks_are == "truth"}
 
+    refiner = OutlineRefiner()
+
     def write_one(view: View) -> _Written:
-        outline, truth = agreed.get(view.name), truths.get(view.name)
-        return _write_view(view, out, old[view.name], outline, truth)
+        own, truth = old[view.name], truths.get(view.name)
+        return _write_view(view, out, own, agreed.get(view.name), truth, refiner)
 
     written = over_views(write_one, scene.views, threads=threads)
     overlaps = {one.row.name: one.overlap for one in written if one.overlap is not None}
@@ -91,14 +86,19 @@ def write(
 
 
 def _write_view(
-    view: View, out: Path, old: ViewReport, outline: Outline | None, truth: Path | None
+    view: View,
+    out: Path,
+    old: ViewReport,
+    soft: SoftMap | None,
+    truth: Path | None,
+    refiner: OutlineRefiner,
 ) -> _Written:
     """Write a view's mask and map; what the network said stays where the views agree on none."""
     own = read_mask(out / "masks" / mask_name(view.name))
-    mask = None if outline is None else _mask(outline, view)
-    if outline is None or mask is None or not mask.any():
+    mask = None if soft is None else _mask(soft, view, refiner)
+    if soft is None or mask is None or not mask.any():
         return _Written(old, border_share(own), None, empty=not own.any())
-    full = cv2.resize(outline.soft, (view.width, view.height), interpolation=cv2.INTER_LINEAR)
+    full = cv2.resize(soft, (view.width, view.height), interpolation=cv2.INTER_LINEAR)
     write_mask(out / "masks" / mask_name(view.name), mask)
     write_mask(out / "soft" / mask_name(view.name), np.rint(full * 255).astype(np.uint8))
     scored = None if truth is None else quality(mask, read_mask(truth), full)
@@ -114,12 +114,13 @@ def keep(scene: Scene, out: Path, reason: str) -> Scene:
     return kept
 
 
-def _mask(outline: Outline, view: View) -> Mask:
-    """Threshold a map at the photo's size; outlines by votes or ground move to its edges."""
+def _mask(soft: SoftMap, view: View, refiner: OutlineRefiner) -> Mask:
+    """Cut a map at the photo's size; its outline moves to edges, then to where the object ends."""
     size = view.width, view.height
-    full = cv2.resize(outline.soft, size, interpolation=cv2.INTER_CUBIC)
-    mask = clean(threshold(full, HALF))
-    return clean(to_photo_edges(mask, read_photo(view))) if outline.at_edges else mask
+    full = np.clip(cv2.resize(soft, size, interpolation=cv2.INTER_CUBIC), 0, 1)
+    photo = read_photo(view)
+    at_edges = clean(to_photo_edges(clean(threshold(full, HALF)), photo))
+    return clean(refiner.refine(photo, full, at_edges))
 
 
 def read_mask(path: Path) -> Mask:

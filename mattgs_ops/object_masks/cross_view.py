@@ -27,7 +27,7 @@ from mattgs_ops.capture.camera import Camera
 from mattgs_ops.capture.masks import SoftMap, mask_name
 from mattgs_ops.capture.scene import PreparedCapture, Scene, View
 from mattgs_ops.object_masks import silhouettes, splat_votes
-from mattgs_ops.object_masks.agreed_masks import Outline, keep, read_mask, write
+from mattgs_ops.object_masks.agreed_masks import keep, read_mask, write
 from mattgs_ops.object_masks.decision import Decision, ViewEvidence, decide, half_meet_best
 from mattgs_ops.object_masks.ground_plane import Plane
 from mattgs_ops.object_masks.photo_evidence.colours import ColourEvidence, cut_by_colours
@@ -107,10 +107,7 @@ def agree(
         believed = without.decision.masks == "votes"
         found = without if believed and _better(without, found, trained, _on_edges) else found
     colours, soft = cut_by_colours(photos, own, found.maps, trained, threads=threads)
-    agreed = {
-        view.name: Outline(one, plain.used or view.masks == "votes")
-        for view, one in zip(found.decision.views, soft, strict=True)
-    }
+    agreed = {view.name: one for view, one in zip(found.decision.views, soft, strict=True)}
     record = _decision_record(found, colours, plain)
     return write(scene, capture, out, report, agreed, record, threads)
 

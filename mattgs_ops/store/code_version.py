@@ -25,6 +25,10 @@ COMPILED = {
     "mattgs_ops.splat._engine": Path("mattgs_ops/splat/_kernels"),
     "mattgs_ops.sfm.colmap._descriptors": Path("mattgs_ops/sfm/colmap/_kernels"),
 }
+# Module → a file that it computes with
+WEIGHTS = {
+    "mattgs_ops.segment.outline.refine": Path("mattgs_ops/bundled/segmenter/outline.onnx"),
+}
 # Import name → distribution, of libraries whose version can change a result.
 LIBRARIES = {
     "cv2": "opencv-contrib-python-headless",
@@ -69,6 +73,9 @@ def digest_modules(names: Iterable[str], *, root: Path = ROOT) -> str:
         if any(name.startswith(module) for name in imported):
             found = _kernels(root, module, folder)
             parts |= {str(path.relative_to(root)): file_digest(path) for path in found}
+    for module, weights in WEIGHTS.items():
+        if any(name.startswith(module) for name in imported) and (root / weights).is_file():
+            parts[str(weights)] = file_digest(root / weights)
     return json_digest({"sources": parts, "libraries": _versions(libraries)})
 
 

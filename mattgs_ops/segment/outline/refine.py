@@ -1,59 +1,79 @@
-"""Move a mask's outline to the object's by the bundled network, at the photo's resolution."""
+"""Move a mask's outline to the object's by the bundled network, at the photo's resolution.
+
+The network is asked twice: about the map that a mask was cut from, and about the mask. Their mean
+counts where it is sure; elsewhere the mask stays as it is. Only what is near its outline changes.
+"""
 
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mattgs_ops.capture.masks import SoftMap
+from mattgs_ops.capture.masks import Mask, SoftMap
 from mattgs_ops.segment.onnx_file import open_model
+from mattgs_ops.segment.outline.network import MULTIPLE
 
+# made by ``mattgs segment outline`` with the recipe beside it
 BUNDLED_OUTLINE = Path(__file__).resolve().parents[2] / "bundled" / "segmenter" / "outline.onnx"
 LONGEST_SIDE = 1024  # pixels: larger photos are shrunk, so that errors span as much as learnt
 REACH = 16  # pixels around the outline, there; what is farther stays
 CONTEXT = 32  # pixels around the reach that the network sees, too
-MULTIPLE = 16  # of pixels that the network asks for
+SURE = 0.75  # three to one; below, the mask is believed that votes and the photo's edges made
 
 
 class OutlineRefiner:
-    """The network's file, opened. One refiner may be asked from several threads."""
+    """The network's file, opened. One refiner may be asked from several threads.
+
+    Raises :class:`InputError` for a file that is none.
+    """
 
     def __init__(self, path: Path = BUNDLED_OUTLINE, *, threads: int = 1) -> None:
         self._session = open_model(path, threads, "an outline model")
 
-    def refine(self, photo: NDArray[np.uint8], soft: SoftMap) -> SoftMap:
-        """Photo [H, W, 3] RGB and map [H, W] in [0, 1] to a map whose outline is the object's.
+    def refine(self, photo: NDArray[np.uint8], soft: SoftMap, mask: Mask) -> Mask:
+        """Return the mask [H, W] with its outline on the object's.
 
-        A map without an outline comes back as it is.
+        ``photo`` [H, W, 3] is RGB, ``soft`` [H, W] in [0, 1] the map that ``mask`` was cut from. A
+        mask without an outline comes back as it is.
         """
-        height, width = soft.shape
+        height, width = mask.shape
         factor = min(1.0, LONGEST_SIDE / max(height, width))
         size = (max(1, round(width * factor)), max(1, round(height * factor)))
-        seen = photo if factor == 1 else cv2.resize(photo, size, interpolation=cv2.INTER_AREA)
-        map_ = soft if factor == 1 else cv2.resize(soft, size, interpolation=cv2.INTER_AREA)
-        free = _around_outline(map_)
+        binary = (mask > 127).astype(np.float32)
+        seen, map_, cut = (_shrunk(each, size) for each in (photo, soft, binary))
+        free = _around_outline(cut)
         if not free.any():
-            return soft
-        rows, columns = (_span(free, axis) for axis in (1, 0))
-        window = (rows, columns)
-        answered = self._ask(seen[window], map_[window])
-        refined = map_.copy()
-        refined[window] = np.where(free[window], answered, map_[window])
-        if factor == 1:
-            return refined
-        full = cv2.resize(refined, (width, height), interpolation=cv2.INTER_CUBIC)
-        near = cv2.resize(free.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST)
-        return np.where(near > 0, np.clip(full, 0, 1), soft).astype(np.float32)
+            return mask
+        window = _span(free, 1), _span(free, 0)
+        shares = np.where(cut >= 0.5, np.float32(1), np.float32(0))
+        answered = self._ask(seen[window], map_[window], cut[window])
+        shares[window] = np.where(free[window], answered, shares[window])
+        if factor < 1:
+            shares = cv2.resize(shares, (width, height), interpolation=cv2.INTER_LINEAR)
+            grown = free.astype(np.uint8)
+            free = cv2.resize(grown, (width, height), interpolation=cv2.INTER_NEAREST) > 0
+        refined: Mask = mask.copy()
+        refined[free & (shares >= SURE)] = 255
+        refined[free & (shares <= 1 - SURE)] = 0
+        return refined
 
-    def _ask(self, photo: NDArray[np.uint8], map_: SoftMap) -> SoftMap:
-        height, width = map_.shape
-        down, right = -height % MULTIPLE, -width % MULTIPLE
+    def _ask(self, photo: NDArray[np.uint8], *maps: SoftMap) -> SoftMap:
+        """Return the mean of what the network says of each map, [H, W]."""
+        height, width = maps[0].shape
         unit = photo.astype(np.float32).transpose(2, 0, 1) / 255
-        stacked = np.concatenate([unit, map_[None]])
-        padded = np.pad(stacked, ((0, 0), (0, down), (0, right)), mode="edge")
-        (answer,) = self._session.run(None, {"photo_and_map": padded[None]})
-        return np.asarray(answer[0, 0, :height, :width], dtype=np.float32)
+        stacked = np.stack([np.concatenate([unit, map_[None]]) for map_ in maps])
+        beyond = ((0, 0), (0, 0), (0, -height % MULTIPLE), (0, -width % MULTIPLE))
+        asked = np.pad(stacked, beyond, mode="edge")
+        (answers,) = self._session.run(None, {self._session.get_inputs()[0].name: asked})
+        return np.asarray(answers[:, 0, :height, :width].mean(axis=0), dtype=np.float32)
+
+
+def _shrunk(pixels: Any, size: tuple[int, int]) -> Any:
+    """Photo or map at ``size`` (width, height)."""
+    same = pixels.shape[1::-1] == size
+    return pixels if same else cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)
 
 
 def _around_outline(map_: SoftMap) -> NDArray[np.bool_]:
@@ -65,5 +85,6 @@ def _around_outline(map_: SoftMap) -> NDArray[np.bool_]:
 
 
 def _span(free: NDArray[np.bool_], axis: int) -> slice:
+    """Return the rows (``axis`` 1) or columns (0) with free pixels, and the context around them."""
     where = np.flatnonzero(free.any(axis=axis))
     return slice(max(0, int(where[0]) - CONTEXT), int(where[-1]) + 1 + CONTEXT)

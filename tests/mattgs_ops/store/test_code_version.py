@@ -134,3 +134,18 @@ def test_the_training_depends_on_the_engine_and_not_on_the_segmenter() -> None:
     files = {str(path.relative_to(ROOT)) for path in dependencies(STAGES["train"])[0]}
     assert "mattgs_ops/splat/rasterize.py" in files
     assert not any(name.startswith(("mattgs_ops/segment", "mattgs_ops/sfm/")) for name in files)
+
+
+def test_weights_count_where_their_module_is_imported(root: Path) -> None:
+    weights = root / "mattgs_ops/bundled/segmenter/outline.onnx"
+    weights.parent.mkdir(parents=True)
+    weights.write_bytes(b"a")
+    user = root / "mattgs_ops/user.py"
+    user.write_text("from mattgs_ops.segment.outline.refine import OutlineRefiner\n")
+    refine = root / "mattgs_ops/segment/outline/refine.py"
+    refine.parent.mkdir(parents=True)
+    refine.write_text("W = 1\n")
+    before = {name: digest_modules([f"mattgs_ops.{name}"], root=root) for name in ("user", "three")}
+    weights.write_bytes(b"b")
+    assert digest_modules(["mattgs_ops.user"], root=root) != before["user"]
+    assert digest_modules(["mattgs_ops.three"], root=root) == before["three"]

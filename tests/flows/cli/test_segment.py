@@ -1,13 +1,16 @@
-"""`mattgs segment`: a training goes on from another's weights, networks become one file."""
+"""`mattgs segment`: trainings start and go on from weights, networks become one file."""
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 from typer.testing import CliRunner
 
 from flows.cli.app import app
+from mattgs_ops.errors import InputError
 from mattgs_ops.segment.network.saliency import BUNDLED_MODEL, SaliencyNetwork
+from mattgs_ops.segment.outline.refine import OutlineRefiner
 
 RECIPE = """
 validate_every = 1
@@ -58,3 +61,31 @@ def test_the_bundled_file_is_what_its_two_networks_become(tmp_path: Path) -> Non
     assert f"Segmenter: {out.resolve()} (within " in result.output
     assert SaliencyNetwork(out).width == 192
     assert out.read_bytes() == BUNDLED_MODEL.read_bytes()
+
+
+def test_an_outline_that_was_trained_can_be_asked(tmp_path: Path) -> None:
+    recipe = tmp_path / "recipe.toml"
+    recipe.write_text(
+        "steps = 2\nbatch = 2\nsize = 32\nhold_out = 2\n[painted]\ncount = 2\nsize = 64\n"
+    )
+    folder = tmp_path / "f"
+    command = ["segment", "outline", str(folder), "--config", str(recipe)]
+    result = CliRunner().invoke(app, [*command, "--out", str(tmp_path / "out")])
+    assert result.exit_code == 0, result.output
+    assert f"Outline: {(folder / 'outline.onnx').resolve()}" in result.output
+    mask = np.zeros((40, 50), np.uint8)
+    mask[10:30, 10:30] = 255
+    photo = np.repeat(mask[..., None], 3, axis=2)
+    soft = mask.astype(np.float32) / 255
+    refined = OutlineRefiner(folder / "outline.onnx").refine(photo, soft, mask)
+    assert np.array_equal(refined, mask), "two steps from giving the map back"
+
+
+def test_a_recipe_for_the_outline_that_is_none_is_refused(tmp_path: Path) -> None:
+    recipe = tmp_path / "recipe.toml"
+    recipe.write_text("stepz = 2\n")
+    command = ["segment", "outline", str(tmp_path / "f"), "--config", str(recipe)]
+    result = CliRunner().invoke(app, command)
+    assert isinstance(result.exception, InputError)
+    assert "unknown key `stepz`" in str(result.exception)
+    assert not (tmp_path / "f").exists()

@@ -81,14 +81,17 @@ CHOOSING_SETS = (
     EvaluationSet("temple", "white-sweep"),
     EvaluationSet("stone", "dark-flash"),
     EvaluationSet("figurine", "woods"),
+    # looked at when it was chosen how sure the outline's network has to be
+    EvaluationSet("temple", "dark-flash"),
+    EvaluationSet("stone", "white-sweep"),
 )
 JUDGING_SETS = (
     EvaluationSet("temple", "cluttered-desk"),
-    EvaluationSet("temple", "dark-flash"),
+    EvaluationSet("temple", "wooden-table"),
+    EvaluationSet("temple", "woods"),
     EvaluationSet("stone", "wooden-table"),
     EvaluationSet("stone", "woods"),
     EvaluationSet("stone", "black-cloth"),
-    EvaluationSet("stone", "white-sweep"),
 )
 SETS = CHOOSING_SETS + JUDGING_SETS
 NAMES = tuple(one.name for one in SETS)

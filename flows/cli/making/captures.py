@@ -58,7 +58,7 @@ def render_evaluation(
 ) -> None:
     """Render the evaluation sets for masks: objects on grounds, with exact masks.
 
-    Three objects on six grounds, by which some bounds were chosen, and five sets that only judge.
+    Objects on grounds by which some bounds were chosen, and six sets that only judge.
 
     What is there is kept: a later call adds views or sets (needs the extra `captures`).
     """

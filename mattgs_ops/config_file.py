@@ -2,6 +2,7 @@
 
 import tomllib
 from pathlib import Path
+from typing import Any
 
 from pydantic import ValidationError
 
@@ -22,16 +23,21 @@ def describe(error: ValidationError, where: str) -> InputError:
     return InputError("\n".join(lines))
 
 
+def read_toml(path: Path) -> dict[str, Any]:
+    """Parse a TOML file; raises :class:`InputError` naming the file."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, tomllib.TOMLDecodeError) as error:
+        raise InputError(f"{path}: expected a readable TOML file: {error}") from error
+
+
 def load_toml(path: Path) -> BenchmarkConfig:
     """Read a benchmark's TOML file; raises :class:`InputError` naming file and field.
 
     Relative paths of captures, masks and ``lpips`` are taken from the file's own folder, which is
     also what ``{here}`` means to trainers.
     """
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{path}: expected a readable TOML file: {error}") from error
+    data = read_toml(path)
     captures = data.get("captures")
     for capture in captures if isinstance(captures, list) else []:
         for key in ("path", "masks"):

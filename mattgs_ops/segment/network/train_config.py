@@ -1,13 +1,11 @@
 """Configuration of the segmenter's training: frozen, validated, readable from TOML."""
 
-import tomllib
 from pathlib import Path
 from typing import Literal
 
 from pydantic import Field, ValidationError, model_validator
 
-from mattgs_ops.config_file import describe
-from mattgs_ops.errors import InputError
+from mattgs_ops.config_file import describe, read_toml
 from mattgs_ops.frozen import Frozen
 
 
@@ -121,10 +119,7 @@ def load_train_config(path: Path) -> SegmentTrainConfig:
 
     Relative paths are taken from the file's own folder.
     """
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{path}: expected a readable TOML file: {error}") from error
+    data = read_toml(path)
     folders = data.get("folders")
     places = [(data, "start_from")]
     for folder in folders if isinstance(folders, list) else []:

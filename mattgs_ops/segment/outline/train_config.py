@@ -1,13 +1,11 @@
 """Configuration of the outline's training: frozen, validated, readable from TOML."""
 
-import tomllib
 from pathlib import Path
 from typing import Literal
 
 from pydantic import Field, ValidationError
 
-from mattgs_ops.config_file import describe
-from mattgs_ops.errors import InputError
+from mattgs_ops.config_file import describe, read_toml
 from mattgs_ops.frozen import Frozen
 from mattgs_ops.segment.network.train_config import RenderedConfig, WorldConfig
 
@@ -48,10 +46,7 @@ def load_outline_config(path: Path) -> OutlineTrainConfig:
 
     A relative ``start_from`` is taken from the file's own folder.
     """
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{path}: expected a readable TOML file: {error}") from error
+    data = read_toml(path)
     if isinstance(data.get("start_from"), str):
         data["start_from"] = str((path.parent / data["start_from"]).resolve())
     try:

@@ -17,6 +17,7 @@ from mattgs_ops.errors import StageError
 
 Mask = NDArray[np.uint8]
 SoftMap = NDArray[np.float32]
+HALF = 0.5  # from here on a map says object
 
 # cleaning: what is kept of a thresholded map, as shares of the largest part or of the object
 SPECK_SHARE = 0.02  # parts smaller than this share of the largest part are dropped
@@ -25,7 +26,7 @@ BOUNDARY_TOLERANCE = 0.0075  # of the image diagonal, the usual choice for bound
 F_BETA_SQUARED = 0.3  # weighs precision over recall, as in the saliency literature
 
 
-def threshold(soft: SoftMap, level: float = 0.5) -> Mask:
+def threshold(soft: SoftMap, level: float = HALF) -> Mask:
     """Soft map [H, W] to a binary mask: 255 where it reaches ``level``."""
     mask: Mask = np.where(soft >= level, 255, 0).astype(np.uint8)
     return mask
@@ -91,6 +92,12 @@ def quality(mask: Mask, truth: Mask, soft: SoftMap | None = None) -> MaskQuality
     return MaskQuality(iou, f_measure, mae, boundary_f(mask, truth))
 
 
+def disc(radius: int) -> NDArray[np.uint8]:
+    """Return the disc [2 R + 1, 2 R + 1] by which masks grow and shrink."""
+    side = 2 * radius + 1
+    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)), dtype=np.uint8)
+
+
 def boundary_f(mask: Mask, truth: Mask, radius: int | None = None) -> float:
     """F1 of the outlines, matched within ``radius`` pixels.
 
@@ -98,9 +105,8 @@ def boundary_f(mask: Mask, truth: Mask, radius: int | None = None) -> float:
     """
     height, width = mask.shape
     radius = radius or max(1, round(BOUNDARY_TOLERANCE * float(np.hypot(height, width))))
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
     lines = [_outline(m) for m in (mask, truth)]
-    near = [cv2.dilate(line, disc) > 0 for line in lines]
+    near = [cv2.dilate(line, disc(radius)) > 0 for line in lines]
     counts = [int((line > 0).sum()) for line in lines]
     if not all(counts):
         return float(counts[0] == counts[1])
@@ -115,6 +121,14 @@ def _outline(mask: Mask) -> Mask:
     eroded = cv2.erode(binary, cross, borderType=cv2.BORDER_CONSTANT, borderValue=0)
     outline: Mask = cv2.subtract(binary, eroded)
     return outline
+
+
+def read_map(path: Path) -> Mask:
+    """Read a mask or an 8-bit map [H, W]; raises :class:`StageError` naming the file."""
+    pixels = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    if pixels is None:
+        raise StageError(f"{path}: expected a readable image")
+    return np.asarray(pixels, dtype=np.uint8)
 
 
 def write_mask(path: Path, pixels: NDArray[np.uint8]) -> None:

@@ -14,15 +14,24 @@ import numpy as np
 
 from mattgs_ops.capture import sparse
 from mattgs_ops.capture.formats.colmap_model import read_model
-from mattgs_ops.capture.masks import Mask, SoftMap, clean, mask_name, quality, threshold, write_mask
+from mattgs_ops.capture.masks import (
+    Mask,
+    SoftMap,
+    clean,
+    mask_name,
+    quality,
+    read_map,
+    threshold,
+    write_mask,
+)
 from mattgs_ops.capture.scene import PreparedCapture, Scene, View
-from mattgs_ops.errors import StageError
 from mattgs_ops.object_masks.photo_evidence.edges import to_photo_edges
-from mattgs_ops.object_masks.silhouettes import CONTRADICT, HALF, iou
+from mattgs_ops.object_masks.silhouettes import CONTRADICT, iou
 from mattgs_ops.parallel import over_views
+from mattgs_ops.segment.infer import read_photo
 from mattgs_ops.segment.mask_report import MaskReport, ViewReport, border_share, flags_of
 from mattgs_ops.segment.outline.refine import OutlineRefiner
-from mattgs_ops.sfm.assemble import read_photo, vote
+from mattgs_ops.sfm.assemble import vote
 
 
 @dataclass(frozen=True)
@@ -45,12 +54,16 @@ def write(
     before: MaskReport,
     agreed: Mapping[str, SoftMap],
     decision: dict[str, Any],
+    *,
+    plain_ground: bool,
     threads: int,
 ) -> Scene:
     """Write masks, maps and votes into ``out``, a copy of ``scene``, and return the new scene.
 
     ``agreed`` has the map [H, W] in [0, 1] of each view that has a camera, by name; ``before`` is
-    the report on the photos' own masks; ``decision`` goes into ``extra["agreement"]``.
+    the report on the photos' own masks; ``decision`` goes into ``extra["agreement"]``. On
+    ``plain_ground``, which has no outlines of its own to be drawn to, the outline's network looks
+    from afar, too.
     """
     old = {row.name: row for row in before.views}
     truths = {view.name: view.mask for view in capture.views if capture.masks_are == "truth"}
@@ -58,8 +71,9 @@ def write(
     refiner = OutlineRefiner()
 
     def write_one(view: View) -> _Written:
-        own, truth = old[view.name], truths.get(view.name)
-        return _write_view(view, out, own, agreed.get(view.name), truth, refiner)
+        own, truth, soft = old[view.name], truths.get(view.name), agreed.get(view.name)
+        mask = None if soft is None else _mask(soft, view, refiner, plain_ground=plain_ground)
+        return _write_view(view, out, own, soft, mask, truth)
 
     written = over_views(write_one, scene.views, threads=threads)
     overlaps = {one.row.name: one.overlap for one in written if one.overlap is not None}
@@ -90,18 +104,17 @@ def _write_view(
     out: Path,
     old: ViewReport,
     soft: SoftMap | None,
+    mask: Mask | None,
     truth: Path | None,
-    refiner: OutlineRefiner,
 ) -> _Written:
     """Write a view's mask and map; what the network said stays where the views agree on none."""
-    own = read_mask(out / "masks" / mask_name(view.name))
-    mask = None if soft is None else _mask(soft, view, refiner)
+    own = read_map(out / "masks" / mask_name(view.name))
     if soft is None or mask is None or not mask.any():
         return _Written(old, border_share(own), None, empty=not own.any())
     full = cv2.resize(soft, (view.width, view.height), interpolation=cv2.INTER_LINEAR)
     write_mask(out / "masks" / mask_name(view.name), mask)
     write_mask(out / "soft" / mask_name(view.name), np.rint(full * 255).astype(np.uint8))
-    scored = None if truth is None else quality(mask, read_mask(truth), full)
+    scored = None if truth is None else quality(mask, read_map(truth), full)
     row = ViewReport(view.name, float((mask > 0).mean()), (), scored)
     overlap = round(iou(own > 0, mask > 0), 4)
     return _Written(row, border_share(mask), overlap, empty=False)
@@ -114,18 +127,12 @@ def keep(scene: Scene, out: Path, reason: str) -> Scene:
     return kept
 
 
-def _mask(soft: SoftMap, view: View, refiner: OutlineRefiner) -> Mask:
+def _mask(soft: SoftMap, view: View, refiner: OutlineRefiner, *, plain_ground: bool) -> Mask:
     """Cut a map at the photo's size; its outline moves to edges, then to where the object ends."""
     size = view.width, view.height
     full = np.clip(cv2.resize(soft, size, interpolation=cv2.INTER_CUBIC), 0, 1)
     photo = read_photo(view)
-    at_edges = clean(to_photo_edges(clean(threshold(full, HALF)), photo))
+    if plain_ground:
+        full = refiner.mend(photo, full)
+    at_edges = clean(to_photo_edges(clean(threshold(full)), photo))
     return clean(refiner.refine(photo, full, at_edges))
-
-
-def read_mask(path: Path) -> Mask:
-    """Read a mask or an 8-bit map [H, W]; raises :class:`StageError` naming the file."""
-    pixels = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-    if pixels is None:
-        raise StageError(f"{path}: expected a readable image")
-    return np.asarray(pixels, dtype=np.uint8)

@@ -24,10 +24,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mattgs_ops.capture.camera import Camera
-from mattgs_ops.capture.masks import SoftMap, mask_name
+from mattgs_ops.capture.masks import SoftMap, mask_name, read_map
 from mattgs_ops.capture.scene import PreparedCapture, Scene, View
 from mattgs_ops.object_masks import silhouettes, splat_votes
-from mattgs_ops.object_masks.agreed_masks import keep, read_mask, write
+from mattgs_ops.object_masks.agreed_masks import keep, write
 from mattgs_ops.object_masks.decision import Decision, ViewEvidence, decide, half_meet_best
 from mattgs_ops.object_masks.ground_plane import Plane
 from mattgs_ops.object_masks.photo_evidence.colours import ColourEvidence, cut_by_colours
@@ -37,7 +37,7 @@ from mattgs_ops.object_masks.surfaces import train_surfaces
 from mattgs_ops.parallel import over_views
 from mattgs_ops.progress import Progress, no_progress
 from mattgs_ops.segment.mask_report import MaskReport
-from mattgs_ops.sfm.assemble import read_photo
+from mattgs_ops.sfm.assemble import read_bgr
 from mattgs_ops.splat.photos import camera_at
 
 # Of the short training. Half the steps at 256 pixels leave splats that straddle outlines: even with
@@ -101,15 +101,18 @@ def agree(
     found = judged()
     if found.maps_invent:
         strict = judged(half_needed=True)
-        found = strict if _better(strict, found, trained, _meets_both) else found
+        passes = strict.believed and not found.believed
+        found = strict if passes or _better(strict, found, trained, _meets_both) else found
     if found.cut_in_doubt:
         without = judged(cut_ground=False, half_needed=found.half_needed)
-        believed = without.decision.masks == "votes"
-        found = without if believed and _better(without, found, trained, _on_edges) else found
+        as_good = without.believed or not found.believed
+        found = without if as_good and _better(without, found, trained, _on_edges) else found
     colours, soft = cut_by_colours(photos, own, found.maps, trained, threads=threads)
     agreed = {view.name: one for view, one in zip(found.decision.views, soft, strict=True)}
     record = _decision_record(found, colours, plain)
-    return write(scene, capture, out, report, agreed, record, threads)
+    return write(
+        scene, capture, out, report, agreed, record, plain_ground=plain.used, threads=threads
+    )
 
 
 @dataclass(frozen=True)
@@ -121,6 +124,11 @@ class _Judged:
     ground: Plane | None
     ground_cut: bool
     half_needed: bool
+
+    @property
+    def believed(self) -> bool:
+        """Whether votes make the masks."""
+        return self.decision.masks == "votes"
 
     @property
     def maps_invent(self) -> bool:
@@ -197,11 +205,11 @@ def _shrunk(maps: Sequence[SoftMap], cameras: Sequence[Camera]) -> list[SoftMap]
 
 
 def _photo(view: View, camera: Camera) -> NDArray[np.uint8]:
-    """Read a photo [H, W, 3] at a camera's size."""
+    """Read a photo [H, W, 3] BGR at a camera's size."""
     size = camera.intrinsics.width, camera.intrinsics.height
-    small = cv2.resize(read_photo(view), size, interpolation=cv2.INTER_AREA)
+    small = cv2.resize(read_bgr(view), size, interpolation=cv2.INTER_AREA)
     return np.asarray(small, dtype=np.uint8)
 
 
 def _read(path: Path) -> SoftMap:
-    return (read_mask(path) / np.float32(255)).astype(np.float32)
+    return (read_map(path) / np.float32(255)).astype(np.float32)

@@ -13,7 +13,8 @@ therefore multiplied by the share of the outlines, of votes and of maps, that li
 Where votes score at least as well, they are the masks, even against a view's own map; on plain
 ground only where outlines of the maps miss edges, and theirs lie on them at least as much.
 Elsewhere a view's own map is corrected, not replaced: the average of own map, silhouettes and
-votes, weighted by their agreement; and not even that where the photos' edges are against it.
+votes, weighted by their agreement; of own map and votes along its outline, for which silhouettes
+are too coarse, and on plain ground; and not even that where the photos' edges are against it.
 
 Each splat's vote counts from the mean vote on that meets the maps best, but masks are made of a
 quarter of the votes: most maps miss more than they invent. Where half of the votes meet maps best,
@@ -34,10 +35,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mattgs_ops.capture.masks import SoftMap
+from mattgs_ops.capture.masks import HALF, SoftMap
 from mattgs_ops.object_masks.photo_evidence.colours import GOOD
 from mattgs_ops.object_masks.photo_evidence.edges import edges_near, surely_larger
-from mattgs_ops.object_masks.silhouettes import CONTRADICT, HALF, Silhouettes, corrected, overlaps
+from mattgs_ops.object_masks.silhouettes import (
+    CONTRADICT,
+    Silhouettes,
+    averaged,
+    corrected,
+    overlaps,
+)
 from mattgs_ops.object_masks.splat_votes import CERTAIN, Votes
 from mattgs_ops.object_masks.witnesses import UNCONFIRMED, Bits, Witnessed, judge_parts
 
@@ -120,7 +127,7 @@ def decide(
     confirmed = {"maps": maps.confirmed(deciding)}
     if votes is None:
         found = _without_votes(names, by_outline, silhouettes.mean, confirmed)
-        return found, corrected(own, others, own, silhouettes.mean, 0.0)
+        return found, corrected(own, others, own, silhouettes.mean, 0.0, along=own)
     certain = Witnessed.of(votes.certain, own, edges)
     whole = Witnessed.of(votes.with_parts, own, edges)
     confirmed |= {"votes": certain.confirmed(deciding), "attached": whole.confirmed(deciding)}
@@ -132,13 +139,16 @@ def decide(
     if plain_ground:
         objection = objection or _objection_of_edges(voted.confirmed(deciding), confirmed["maps"])
     strange = _unlike_trained(voted.met, by_outline, deciding)
-    sources = [
-        _source(objection, *view)
-        for view in zip(
-            maps.on_edges, voted.on_edges, by_outline, certain.met, strange, strict=True
-        )
-    ]
-    mixed, kept = _corrected_maps(maps, others, votes, silhouettes.mean, edges, speaking, objection)
+    seen = maps.on_edges, voted.on_edges, by_outline, certain.met, strange
+    denied = [_denied(*view) for view in zip(*seen, strict=True)]
+    sources: list[Source] = ["maps" if objection or one else "votes" for one in denied]
+    votes_right = voted.meets(speaking) * voted.confirmed(deciding)
+    both = averaged(own, voted.maps, silhouettes.mean * confirmed["maps"], votes_right)
+    along = own if not objection else _unless(denied, both, own)
+    mixed = _corrected_maps(own, others, votes, silhouettes.mean, along, alone=plain_ground)
+    kept = bool(objection) and _leads_away(mixed, maps, edges, speaking)
+    if kept:
+        mixed = _unless([not (one >= HALF).any() for one in own], own, mixed)
     found = Decision(
         masks="maps" if objection else "votes",
         reason=objection or "votes meet maps and edges at least as well as silhouettes and maps do",
@@ -184,34 +194,39 @@ def _votes_agreement(votes: Votes, voted: Witnessed, speaking: Sequence[int]) ->
     The latter counts where half of the votes meet maps best and no ground was cut away.
     """
     if half_meet_best(votes.level) and votes.place.ground is None:
-        return float(np.mean([voted.met[k] for k in speaking])) if speaking else 0.0
+        return voted.meets(speaking)
     return float(np.mean(votes.agreement))
 
 
 def _corrected_maps(
-    own: Witnessed,
+    own: Sequence[SoftMap],
     others: Sequence[SoftMap],
     votes: Votes,
     agreement: float,
-    edges: Sequence[Bits],
-    speaking: Sequence[int],
-    objection: str,
-) -> tuple[list[SoftMap], bool]:
-    """Return own maps corrected by silhouettes and votes, and whether they stay as they were.
+    along: Sequence[SoftMap],
+    *,
+    alone: bool,
+) -> list[SoftMap]:
+    """Return own maps corrected by silhouettes and votes, and by ``along`` near their outlines.
 
-    They stay where votes are not believed either and where outlines of corrected maps surely lie on
-    photos' edges less than their own. Views without an object in their map are not asked.
+    ``alone``: by nothing else, as on plain ground, where there is nothing that maps could take
+    along and silhouettes could deny. Maps that show nothing are lent what the others say.
     """
     splats_agreement = float(np.mean(votes.soft_agreement))
-    predicted = _resized(votes.predicted, own.maps)
-    mixed = corrected(own.maps, others, predicted, agreement, splats_agreement)
-    if not objection:
-        return mixed, False
+    predicted = _resized(votes.predicted, own)
+    heard = corrected(own, others, predicted, agreement, splats_agreement, along)
+    return _unless([not alone or not (mine >= HALF).any() for mine in own], along, heard)
+
+
+def _leads_away(
+    mixed: Sequence[SoftMap], own: Witnessed, edges: Sequence[Bits], speaking: Sequence[int]
+) -> bool:
+    """Whether outlines of corrected maps surely lie on photos' edges less than those of own maps.
+
+    Views without an object in their map are not asked.
+    """
     after = Witnessed.of(mixed, own.maps, edges)
-    if not surely_larger(*([one.on_edges[k] for k in speaking] for one in (own, after))):
-        return mixed, False
-    kept = [one if (one >= HALF).any() else m for one, m in zip(own.maps, mixed, strict=True)]
-    return kept, True
+    return surely_larger(*([one.on_edges[k] for k in speaking] for one in (own, after)))
 
 
 def _unlike_trained(
@@ -233,18 +248,23 @@ def _unlike_trained(
     ]
 
 
-def _source(
-    objection: str,
+def _denied(
     own_on_edges: float,
     voted_on_edges: float,
     by_outline: float,
     by_votes: float,
     strange: bool,
-) -> Source:
-    """Return one view's source: votes, unless the capture's or the view's evidence is against."""
+) -> bool:
+    """Whether the evidence of one view is against its votes."""
     unconfirmed = voted_on_edges < own_on_edges - UNCONFIRMED
-    denied = strange or (unconfirmed and by_votes < by_outline)
-    return "maps" if objection or denied else "votes"
+    return strange or (unconfirmed and by_votes < by_outline)
+
+
+def _unless(
+    refused: Sequence[bool], maps: Sequence[SoftMap], others: Sequence[SoftMap]
+) -> list[SoftMap]:
+    """Return each view's map, or the other one where it is refused."""
+    return [b if no else a for no, a, b in zip(refused, maps, others, strict=True)]
 
 
 def _objection(silhouettes: float, votes: float, confirmed: dict[str, float]) -> str:

@@ -18,14 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mattgs_ops.capture.camera import Camera
-from mattgs_ops.capture.masks import SoftMap
+from mattgs_ops.capture.masks import HALF, SoftMap, disc
 
 SIDE = 128  # pixels of the longest side at which silhouettes are compared: maps are coarse
 GRID = 80  # points along each axis of the cube around the object
 MARGIN = 1.3  # of the object's radius: the cube holds a little more than the median silhouette
 FEWEST_SHARE = 0.5  # of the other views must see a point for it to count
 SHARES = (1.0, 0.9, 0.75, 0.5)  # from none of the maps wrong to half of them
-HALF = 0.5  # from here on a map says object
 CONTRADICT = 0.5  # IoU below which two masks differ in more than they share
 FEWEST_SPEAKING = 2
 NO_COUNTS = 2.0  # times a yes, of silhouettes
@@ -122,31 +121,41 @@ def corrected(
     voted: Sequence[SoftMap],
     silhouettes: float,
     votes: float,
+    along: Sequence[SoftMap],
 ) -> list[SoftMap]:
     """Average own map, silhouettes and votes, weighted by the odds that each is right.
 
     Pixels outside the other views' silhouettes cannot be object if those are right; pixels inside
     may be free space between them. So silhouettes count twice where they say no. Along the map's
-    own outline silhouettes and votes are no more exact than the map, which is kept there.
+    own outline they are less exact than what ``along`` [H, W] says, which counts there.
     """
     outlines, splats = _odds(silhouettes), _odds(votes)
     itself = max(outlines, splats)  # a map weighs as much as the better of the two
     fused = []
-    for mine, other, answer in zip(own, others, voted, strict=True):
+    for mine, other, answer, exact in zip(own, others, voted, along, strict=True):
         weight = outlines * np.where(other < HALF, NO_COUNTS, 1.0)
         mean = (itself * mine + weight * other + splats * answer) / (itself + weight + splats)
         # where the mean takes a whole part away, the part's outline goes with it
         near = _near_outline(mine >= HALF) & _near_outline(mean >= HALF, 2 * COARSE)
-        fused.append(np.where(near, mine, mean).astype(np.float32))
+        fused.append(np.where(near, exact, mean).astype(np.float32))
     return fused
+
+
+def averaged(
+    own: Sequence[SoftMap], voted: Sequence[SoftMap], own_right: float, votes_right: float
+) -> list[SoftMap]:
+    """Average own map and votes by the odds that each is right; own maps weigh no less."""
+    splats = _odds(votes_right)
+    itself = max(_odds(own_right), splats)
+    share = np.float32(splats / (itself + splats))
+    return [mine + share * (answer - mine) for mine, answer in zip(own, voted, strict=True)]
 
 
 def _near_outline(mask: NDArray[np.bool_], share: float = COARSE) -> NDArray[np.bool_]:
     """Return the pixels [H, W] closer to a mask's outline than a share of the longest side."""
     reach = max(1, round(share * max(mask.shape)))
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
-    binary = mask.astype(np.uint8)
-    grown, shrunk = cv2.dilate(binary, disc), cv2.erode(binary, disc, borderValue=1)
+    around, binary = disc(reach), mask.astype(np.uint8)
+    grown, shrunk = cv2.dilate(binary, around), cv2.erode(binary, around, borderValue=1)
     near: NDArray[np.bool_] = (grown > 0) & (shrunk == 0)
     return near
 

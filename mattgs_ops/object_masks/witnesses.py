@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mattgs_ops.capture.masks import SoftMap
+from mattgs_ops.capture.masks import HALF, SoftMap
 from mattgs_ops.object_masks.photo_evidence.colours import share_alike
 from mattgs_ops.object_masks.photo_evidence.edges import share_on_edges, surely_larger
-from mattgs_ops.object_masks.silhouettes import HALF, overlaps
+from mattgs_ops.object_masks.silhouettes import overlaps
 
 # Outlines are coarse, and fur has no edge: some of each runs beside the photo's edges. A quarter
 # more of it than of the outline that it would replace is not that.
@@ -46,6 +46,10 @@ class Witnessed:
     def confirmed(self, views: Sequence[int]) -> float:
         """Return the mean share of these views' outlines that lies on edges."""
         return float(np.mean([self.on_edges[k] for k in views]))
+
+    def meets(self, views: Sequence[int]) -> float:
+        """Return the mean IoU of these views' maps with their own; 0 of no views."""
+        return float(np.mean([self.met[k] for k in views])) if views else 0.0
 
     def area(self, views: Sequence[int]) -> float:
         """Return the sum of these views' shares of object."""

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mattgs_ops.capture.masks import Mask, SoftMap
+from mattgs_ops.capture.masks import Mask, SoftMap, disc
 
 LONGEST_SIDE = 640  # GrabCut's cost grows faster than the number of pixels
 ITERATIONS = 4
@@ -49,9 +49,7 @@ def grabcut_seeded(photo: NDArray[np.uint8], soft: SoftMap) -> Mask:
 
 def doubt_disc(shape: tuple[int, ...]) -> NDArray[np.uint8]:
     """Return the disc by which regions of a map [H, W] are eroded that it is sure about."""
-    radius = max(1, round(BAND * max(shape)))
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
-    return np.asarray(disc, dtype=np.uint8)
+    return disc(max(1, round(BAND * max(shape))))
 
 
 def _shrunk(pixels: Any) -> Any:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import ttest_rel
 
-from mattgs_ops.capture.masks import Mask, clean
+from mattgs_ops.capture.masks import Mask, clean, disc
 
 EDGE = 0.02  # of the range, per pixel: five grey levels; sensors and JPEG stay below
 EDGE_REACH = 2  # pixels, at the size of the answers, between an outline and the photo's edge
@@ -69,12 +69,9 @@ def surely_larger(first: Sequence[float], second: Sequence[float]) -> bool:
 def to_photo_edges(mask: Mask, photo: NDArray[np.uint8]) -> Mask:
     """Return the mask [H, W] with its outline on edges of the photo [H, W, 3] uint8."""
     reach = max(1, round(REACH * max(mask.shape)))
-    disc, wider = (
-        cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * r + 1, 2 * r + 1))
-        for r in (reach, reach + 1)
-    )
+    near, wider = disc(reach), disc(reach + 1)
     binary = (mask > 127).astype(np.uint8)
-    inside, around = cv2.erode(binary, disc, borderValue=1), cv2.dilate(binary, disc)
+    inside, around = cv2.erode(binary, near, borderValue=1), cv2.dilate(binary, near)
     if not inside.any():
         return mask
     thin = (binary > 0) & (cv2.dilate(inside, wider) == 0)

@@ -11,6 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mattgs_ops.capture.masks import disc
+
 Map = NDArray[np.float32]
 REACH = 24.0  # pixels: how far from the outline distances count
 WANDER = (0.3, 4.0)  # pixels: standard deviation of an outline's way to and fro
@@ -28,9 +30,9 @@ def spoil_mask(rng: np.random.Generator, truth: NDArray[np.uint8]) -> Map:
     """Return a map [H, W] in [0, 1] of an exact mask [H, W] (0 to 255), as others would draw it."""
     binary = (truth > 127).astype(np.uint8)
     if rng.random() < 0.35:
-        binary = cv2.morphologyEx(binary, cv2.MORPH_OPEN, _disc(int(rng.integers(1, 6))))
+        binary = cv2.morphologyEx(binary, cv2.MORPH_OPEN, disc(int(rng.integers(1, 6))))
     if rng.random() < 0.35:
-        binary = cv2.morphologyEx(binary, cv2.MORPH_CLOSE, _disc(int(rng.integers(1, 6))))
+        binary = cv2.morphologyEx(binary, cv2.MORPH_CLOSE, disc(int(rng.integers(1, 6))))
     for _ in range(int(rng.integers(0, 4)) if rng.random() < 0.45 else 0):
         binary[_patch(rng, binary)] = rng.random() < 0.5
     away = _signed_distance(binary) + rng.normal(0, BIAS)
@@ -57,11 +59,6 @@ def spoil_mask(rng: np.random.Generator, truth: NDArray[np.uint8]) -> Map:
 def _between(rng: np.random.Generator, bounds: tuple[float, float]) -> float:
     """Draw a number whose logarithm is uniform."""
     return float(np.exp(rng.uniform(np.log(bounds[0]), np.log(bounds[1]))))
-
-
-def _disc(radius: int) -> NDArray[np.uint8]:
-    side = 2 * radius + 1
-    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)), np.uint8)
 
 
 def _patch(rng: np.random.Generator, binary: NDArray[np.uint8]) -> NDArray[np.bool_]:

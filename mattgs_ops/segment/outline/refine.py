@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mattgs_ops.capture.masks import Mask, SoftMap
+from mattgs_ops.capture.masks import HALF, Mask, SoftMap, disc
 from mattgs_ops.segment.onnx_file import open_model
 from mattgs_ops.segment.outline.network import MULTIPLE
 
@@ -38,26 +38,46 @@ class OutlineRefiner:
         ``photo`` [H, W, 3] is RGB, ``soft`` [H, W] in [0, 1] the map that ``mask`` was cut from. A
         mask without an outline comes back as it is.
         """
-        height, width = mask.shape
-        factor = min(1.0, LONGEST_SIDE / max(height, width))
-        size = (max(1, round(width * factor)), max(1, round(height * factor)))
-        binary = (mask > 127).astype(np.float32)
-        seen, map_, cut = (_shrunk(each, size) for each in (photo, soft, binary))
-        free = _around_outline(cut)
-        if not free.any():
-            return mask
-        window = _span(free, 1), _span(free, 0)
-        shares = np.where(cut >= 0.5, np.float32(1), np.float32(0))
-        answered = self._ask(seen[window], map_[window], cut[window])
-        shares[window] = np.where(free[window], answered, shares[window])
-        if factor < 1:
-            shares = cv2.resize(shares, (width, height), interpolation=cv2.INTER_LINEAR)
-            grown = free.astype(np.uint8)
-            free = cv2.resize(grown, (width, height), interpolation=cv2.INTER_NEAREST) > 0
+        shares, near = self._shares(photo, soft, mask > 127, LONGEST_SIDE)
         refined: Mask = mask.copy()
-        refined[free & (shares >= SURE)] = 255
-        refined[free & (shares <= 1 - SURE)] = 0
+        refined[near & (shares >= SURE)] = 255
+        refined[near & (shares <= 1 - SURE)] = 0
         return refined
+
+    def mend(self, photo: NDArray[np.uint8], soft: SoftMap) -> SoftMap:
+        """Return the map [H, W] with what a look from afar corrects, at half of the size.
+
+        There errors of twice the reach are mended, and less of the photo's detail is seen. A map
+        changes where the network is sure of the opposite of what it says.
+        """
+        says = soft >= HALF
+        shares, near = self._shares(photo, soft, says, LONGEST_SIDE // 2)
+        sure = near & np.where(says, shares <= 1 - SURE, shares >= SURE)
+        mended: SoftMap = np.where(sure, shares, soft).astype(np.float32)
+        return mended
+
+    def _shares(
+        self, photo: NDArray[np.uint8], soft: SoftMap, binary: NDArray[np.bool_], side: int
+    ) -> tuple[SoftMap, NDArray[np.bool_]]:
+        """Return the object's shares, and where they count: near the outline of ``binary`` [H, W].
+
+        The network sees at most ``side`` pixels of the longest side.
+        """
+        height, width = binary.shape
+        factor = min(1.0, side / max(height, width))
+        size = (max(1, round(width * factor)), max(1, round(height * factor)))
+        seen, map_, cut = (_shrunk(a, size) for a in (photo, soft, binary.astype(np.float32)))
+        near = _around_outline(cut)
+        shares = np.where(cut >= HALF, np.float32(1), np.float32(0))
+        if near.any():
+            window = _span(near, 1), _span(near, 0)
+            answered = self._ask(seen[window], map_[window], cut[window])
+            shares[window] = np.where(near[window], answered, shares[window])
+        if factor < 1:
+            full = width, height
+            shares = cv2.resize(shares, full, interpolation=cv2.INTER_LINEAR)
+            near = cv2.resize(near.astype(np.uint8), full, interpolation=cv2.INTER_NEAREST) > 0
+        return np.asarray(shares, dtype=np.float32), np.asarray(near)
 
     def _ask(self, photo: NDArray[np.uint8], *maps: SoftMap) -> SoftMap:
         """Return the mean of what the network says of each map, [H, W]."""
@@ -78,10 +98,9 @@ def _shrunk(pixels: Any, size: tuple[int, int]) -> Any:
 
 def _around_outline(map_: SoftMap) -> NDArray[np.bool_]:
     """Return the pixels [H, W] that are within reach of the outline."""
-    binary = (map_ >= 0.5).astype(np.uint8)
-    side = 2 * REACH + 1
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
-    return np.asarray(cv2.dilate(binary, disc) > cv2.erode(binary, disc))
+    binary = (map_ >= HALF).astype(np.uint8)
+    reach = disc(REACH)
+    return np.asarray(cv2.dilate(binary, reach) > cv2.erode(binary, reach))
 
 
 def _span(free: NDArray[np.bool_], axis: int) -> slice:

@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mattgs_ops.capture.masks import disc
 from mattgs_ops.config import SfmConfig
 from mattgs_ops.errors import InputError
 from mattgs_ops.sfm.colmap.job import JobView
@@ -253,8 +254,7 @@ def inside_mask(path: Path, keypoints: NDArray[np.float32], grow: float) -> NDAr
     height, width = mask.shape
     if grow:
         radius = max(1, round(grow * max(height, width)))
-        ball = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
-        mask = cv2.dilate(mask, ball)
+        mask = cv2.dilate(mask, disc(radius))
     x = np.clip(keypoints[:, 0].astype(np.int64), 0, width - 1)
     y = np.clip(keypoints[:, 1].astype(np.int64), 0, height - 1)
     return np.asarray(mask[y, x] > 0)

@@ -9,11 +9,10 @@ import torch
 
 from mattgs_ops.capture.formats.colmap_cameras import ColmapCamera
 from mattgs_ops.capture.formats.colmap_model import write_model
-from mattgs_ops.capture.masks import mask_name
+from mattgs_ops.capture.masks import mask_name, read_map
 from mattgs_ops.capture.scene import PreparedCapture, Scene, SparsePoints, View
 from mattgs_ops.capture.sparse import SparseImage, SparseModel
 from mattgs_ops.object_masks import cross_view
-from mattgs_ops.object_masks.agreed_masks import read_mask
 from mattgs_ops.object_masks.cross_view import agree
 from mattgs_ops.object_masks.photo_evidence import plain_ground
 from mattgs_ops.object_masks.silhouettes import iou
@@ -141,18 +140,23 @@ def test_the_ground_is_cut_unless_that_goes_through_a_plate_of_the_object(
     assert found.extra["agreement"]["masks"] == "votes"
     assert found.extra["agreement"]["ground_cut"] != plate
     scores = [
-        iou(read_mask(view.mask) > 0, shown >= 0.5)
+        iou(read_map(view.mask) > 0, shown >= 0.5)
         for view, shown in zip(found.views, truths, strict=True)
         if view.mask is not None
     ]
     assert np.mean(scores) > 0.85, scores
 
 
-@pytest.mark.parametrize("invented", [True, False])
+@pytest.mark.parametrize(("invented", "sure"), [(True, True), (True, False), (False, True)])
 def test_half_of_the_votes_is_asked_for_where_maps_and_edges_say_so(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, invented: bool
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, invented: bool, sure: bool
 ) -> None:
-    """A ball on rolling grey ground, a disc of which four of ten maps take along; or right maps."""
+    """A ball on rolling grey ground, a disc of which four of ten maps take along; or right maps.
+
+    Where no test is sure, half of the votes still passes against the maps, and a quarter does not.
+    """
+    if not sure:
+        monkeypatch.setattr(cross_view, "surely_larger", lambda *_: False)
     means = scene_of_splats().means.numpy()
     ground = np.arange(len(means)) >= BALL
     if invented:
@@ -178,7 +182,7 @@ def test_half_of_the_votes_is_asked_for_where_maps_and_edges_say_so(
     assert found.extra["agreement"]["level"] == 0.5
     assert found.extra["agreement"]["half_needed"] is invented
     scores = [
-        iou(read_mask(view.mask) > 0, shown >= 0.5)
+        iou(read_map(view.mask) > 0, shown >= 0.5)
         for view, shown in zip(found.views, truths, strict=True)
         if view.mask is not None
     ]

@@ -8,7 +8,7 @@ import pytest
 
 from mattgs_ops.capture.masks import SoftMap
 from mattgs_ops.object_masks.decision import Decision, decide, half_meet_best
-from mattgs_ops.object_masks.silhouettes import Silhouettes, iou, predict
+from mattgs_ops.object_masks.silhouettes import Silhouettes, averaged, iou, predict
 from mattgs_ops.object_masks.splat_labels import Place
 from mattgs_ops.object_masks.splat_votes import LEVELS, Votes
 from mattgs_ops.object_masks.witnesses import MOST_ATTACHED, UNCONFIRMED
@@ -224,6 +224,25 @@ def test_maps_stay_where_correcting_them_leads_outlines_away_from_edges() -> Non
     assert found.own_kept
     assert all(np.array_equal(a, b) for a, b in zip(maps[:-1], own[:-1], strict=True))
     assert (maps[-1] >= 0.5).any()  # the others lend an empty map theirs
+
+
+@pytest.mark.parametrize("plain", [False, True])
+def test_maps_that_are_believed_are_averaged_with_votes_along_their_outlines(plain: bool) -> None:
+    """Votes miss a pixel all around; on plain ground nothing but they corrects the map."""
+    smaller = [1 - grown(1 - t, 1) for t in TRUTHS]
+    own = [grown(t, 1) for t in TRUTHS]
+    own[2][4:24, 4:24] = 1  # the other silhouettes and the votes deny it
+    sure = Silhouettes([t.copy() for t in TRUTHS], [0.95] * VIEWS, 1.0)
+    asked = NAMES, photos(), own, sure, replace(votes(own, smaller), agreement=[0.8] * VIEWS)
+    found, maps = decide(*asked, plain_ground=plain)
+    assert (found.masks, found.own_kept) == ("maps", False)
+    met = float(np.mean([iou(a > 0, b > 0) for a, b in zip(own, smaller, strict=True)]))
+    shares = [found.confirmed["maps"], found.confirmed["votes"]]
+    both = averaged(own, smaller, 0.95 * shares[0], met * shares[1])
+    rim = (own[0] > 0) & (smaller[0] == 0)
+    assert float(np.isclose(maps[0][rim], both[0][rim]).mean()) > 0.8
+    assert 0.5 < float(both[0][rim].mean()) < 0.9
+    assert (maps[2][8:20, 8:20] >= 0.5).all() == plain
 
 
 def test_leaks_are_taken_out_where_the_other_silhouettes_deny_them() -> None:

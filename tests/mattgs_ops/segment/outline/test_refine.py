@@ -61,6 +61,20 @@ def test_a_photo_larger_than_the_network_sees_is_shrunk_for_it(refiner: OutlineR
     assert quality(refined, truth).iou > quality(cut(soft), truth).iou + 0.05
 
 
+def test_a_look_from_afar_mends_what_is_out_of_reach(refiner: OutlineRefiner) -> None:
+    size = WIDTH * 6, HEIGHT * 6
+    photo, truth = (cv2.resize(a, size, interpolation=cv2.INTER_LINEAR) for a in scene())
+    bitten = truth.copy()
+    cv2.circle(bitten, (700, 300), 80, 0, -1)  # 16 pixels of 1,024 are 24 here
+    soft = bitten.astype(np.float32) / 255
+    mended = refiner.mend(photo, soft)
+    near, afar = (refiner.refine(photo, map_, cut(map_)) for map_ in (soft, mended))
+    assert quality(near, truth).iou < 0.98
+    assert quality(afar, truth).iou > 0.995
+    agrees = cut(mended) == cut(soft)
+    assert np.array_equal(mended[agrees], soft[agrees])
+
+
 def test_what_is_far_from_the_outline_stays(refiner: OutlineRefiner) -> None:
     photo, truth = scene()
     soft = coarse_of(truth)

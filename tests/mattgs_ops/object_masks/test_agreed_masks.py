@@ -1,0 +1,49 @@
+"""What the delivered masks are cut by: the outline's network, asked as it was trained."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from mattgs_ops.capture.masks import Mask, SoftMap
+from mattgs_ops.object_masks import agreed_masks
+from mattgs_ops.segment.mask_report import MaskReport
+from mattgs_ops.segment.outline.refine import OutlineRefiner
+from tests.mattgs_ops.object_masks.ball import HEIGHT, WIDTH, orbit, truth
+from tests.mattgs_ops.object_masks.test_cross_view import solved
+
+RED = (0, 0, 200)  # as OpenCV writes it
+
+
+class Watching(OutlineRefiner):
+    """Notes which photos it is asked about, and how; changes nothing."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.asked: list[tuple[str, tuple[int, ...]]] = []
+
+    def refine(self, photo: NDArray[np.uint8], soft: SoftMap, mask: Mask) -> Mask:
+        assert soft.shape == mask.shape
+        self.asked.append(("near", tuple(photo[0, 0])))
+        return mask
+
+    def mend(self, photo: NDArray[np.uint8], soft: SoftMap) -> SoftMap:
+        self.asked.append(("afar", tuple(photo[0, 0])))
+        return soft
+
+
+@pytest.mark.parametrize("plain", [False, True])
+def test_the_network_sees_red_photos_as_red_and_from_afar_on_plain_ground(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, plain: bool
+) -> None:
+    maps = [truth(camera) for camera in orbit()]
+    photos = [np.full((HEIGHT, WIDTH, 3), RED, np.uint8) for _ in maps]
+    scene, capture = solved(tmp_path, "u2net", maps, photos)
+    watching = Watching()
+    monkeypatch.setattr(agreed_masks, "OutlineRefiner", lambda: watching)
+    report = MaskReport.load(tmp_path / "masks.json")
+    agreed = {view.name: soft for view, soft in zip(scene.views, maps, strict=True)}
+    agreed_masks.write(scene, capture, tmp_path, report, agreed, {}, plain_ground=plain, threads=1)
+    looks = ["afar", "near"] if plain else ["near"]
+    assert watching.asked == [(look, RED[::-1]) for _ in scene.views for look in looks]

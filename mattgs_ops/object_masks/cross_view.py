@@ -105,8 +105,10 @@ def agree(
         found = strict if passes or _better(strict, found, trained, _meets_both) else found
     if found.cut_in_doubt:
         without = judged(cut_ground=False, half_needed=found.half_needed)
-        as_good = without.believed or not found.believed
-        found = without if as_good and _better(without, found, trained, _on_edges) else found
+        if without.believed:
+            found = without if _better(without, found, trained, _on_edges) else found
+        elif not found.believed:  # they only correct maps, by what is the better guess
+            found = max(found, without, key=lambda one: np.mean(_worths(one, trained, _meets_both)))
     colours, soft = cut_by_colours(photos, own, found.maps, trained, threads=threads)
     agreed = {view.name: one for view, one in zip(found.decision.views, soft, strict=True)}
     record = _decision_record(found, colours, plain)
@@ -154,11 +156,14 @@ def _better(
     worth: Callable[[ViewEvidence], float],
 ) -> bool:
     """Whether the first votes are surely worth more than the second ones, view by view."""
-    worths = [
-        [worth(view) for view, use in zip(one.decision.views, trained, strict=True) if use]
-        for one in (first, second)
-    ]
-    return surely_larger(*worths)
+    first_worths, second_worths = (_worths(one, trained, worth) for one in (first, second))
+    return surely_larger(first_worths, second_worths)
+
+
+def _worths(
+    judged: _Judged, trained: Sequence[bool], worth: Callable[[ViewEvidence], float]
+) -> list[float]:
+    return [worth(view) for view, use in zip(judged.decision.views, trained, strict=True) if use]
 
 
 def _on_edges(view: ViewEvidence) -> float:

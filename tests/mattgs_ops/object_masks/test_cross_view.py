@@ -12,7 +12,7 @@ from mattgs_ops.capture.formats.colmap_model import write_model
 from mattgs_ops.capture.masks import mask_name, read_map
 from mattgs_ops.capture.scene import PreparedCapture, Scene, SparsePoints, View
 from mattgs_ops.capture.sparse import SparseImage, SparseModel
-from mattgs_ops.object_masks import cross_view
+from mattgs_ops.object_masks import cross_view, decision
 from mattgs_ops.object_masks.cross_view import agree
 from mattgs_ops.object_masks.photo_evidence import plain_ground
 from mattgs_ops.object_masks.silhouettes import iou
@@ -104,14 +104,15 @@ def painted(colours: np.ndarray, splats: Splats) -> list[np.ndarray]:
     return [render(splats, camera, black, sh_degree=0).image.numpy() for camera in orbit()]
 
 
-@pytest.mark.parametrize("plate", [True, False])
+@pytest.mark.parametrize(("plate", "believed"), [(True, True), (True, False), (False, True)])
 def test_the_ground_is_cut_unless_that_goes_through_a_plate_of_the_object(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, plate: bool
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, plate: bool, believed: bool
 ) -> None:
     """A ball on a desk, on a low plate or in a shadow of that size. Maps claim either.
 
     Splats of an even plate lie at any height in it, so that a cut leaves it in shreds. The desk has
-    all colours, so that none tells it from the ball.
+    all colours, so that none tells it from the ball. Votes that are not believed correct maps by
+    what they are without the cut, too.
     """
     means = scene_of_splats().means.numpy()
     distance = np.linalg.norm(means[:, :2], axis=1)
@@ -134,10 +135,12 @@ def test_the_ground_is_cut_unless_that_goes_through_a_plate_of_the_object(
     maps = [shown[..., 0].clip(0, 1) for shown in painted(claimed[:, None].repeat(3, 1), splats)]
     scene, capture = solved(tmp_path / "in", "u2net", maps, photos)
     monkeypatch.setattr(cross_view, "train_surfaces", lambda *_args, **_settings: splats)
+    if not believed:
+        monkeypatch.setattr(decision, "_objection", lambda *_: "not believed")
     found = agree(scene, capture, tmp_path / "out")
     assert not found.extra["agreement"]["plain_ground"]["used"]
     assert found.extra["agreement"]["ground_share"] > 0.5
-    assert found.extra["agreement"]["masks"] == "votes"
+    assert found.extra["agreement"]["masks"] == ("votes" if believed else "maps")
     assert found.extra["agreement"]["ground_cut"] != plate
     scores = [
         iou(read_map(view.mask) > 0, shown >= 0.5)

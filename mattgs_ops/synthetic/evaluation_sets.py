@@ -84,14 +84,17 @@ CHOOSING_SETS = (
     # looked at when it was chosen how sure the outline's network has to be
     EvaluationSet("temple", "dark-flash"),
     EvaluationSet("stone", "white-sweep"),
+    # looked at when it was chosen how votes correct maps that are believed
+    EvaluationSet("stone", "woods"),
+    EvaluationSet("stone", "black-cloth"),
 )
 JUDGING_SETS = (
     EvaluationSet("temple", "cluttered-desk"),
     EvaluationSet("temple", "wooden-table"),
     EvaluationSet("temple", "woods"),
     EvaluationSet("stone", "wooden-table"),
-    EvaluationSet("stone", "woods"),
-    EvaluationSet("stone", "black-cloth"),
+    EvaluationSet("stone", "turntable"),
+    EvaluationSet("temple", "turntable"),
 )
 SETS = CHOOSING_SETS + JUDGING_SETS
 NAMES = tuple(one.name for one in SETS)

@@ -47,8 +47,9 @@ class OutlineRefiner:
     def mend(self, photo: NDArray[np.uint8], soft: SoftMap) -> SoftMap:
         """Return the map [H, W] with what a look from afar corrects, at half of the size.
 
-        There errors of twice the reach are mended, and less of the photo's detail is seen. A map
-        changes where the network is sure of the opposite of what it says.
+        There errors of twice the reach are mended, and less of the photo's detail is seen; photos
+        that are no larger than that are looked at as they are. A map changes where the network is
+        sure of the opposite of what it says.
         """
         says = soft >= HALF
         shares, near = self._shares(photo, soft, says, LONGEST_SIDE // 2)

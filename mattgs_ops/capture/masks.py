@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mattgs_ops.errors import StageError
+from mattgs_ops.errors import InputError, StageError
 
 Mask = NDArray[np.uint8]
 SoftMap = NDArray[np.float32]
@@ -124,10 +124,10 @@ def _outline(mask: Mask) -> Mask:
 
 
 def read_map(path: Path) -> Mask:
-    """Read a mask or an 8-bit map [H, W]; raises :class:`StageError` naming the file."""
+    """Read a mask or an 8-bit map [H, W]; raises :class:`InputError` naming the file."""
     pixels = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     if pixels is None:
-        raise StageError(f"{path}: expected a readable image")
+        raise InputError(f"{path}: expected a readable mask, found something else")
     return np.asarray(pixels, dtype=np.uint8)
 
 

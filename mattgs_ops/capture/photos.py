@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from PIL import ExifTags, Image, ImageOps, UnidentifiedImageError
@@ -117,6 +118,17 @@ def decode(path: Path) -> Photo:
     if alpha is None and _has_no_colour(rgb):
         raise InputError(_grey(path))
     return Photo(rgb, alpha, focal)
+
+
+def read_rgb(path: Path) -> NDArray[np.uint8]:
+    """Read a photo that a stage has written, [H, W, 3] RGB as stored.
+
+    Raises :class:`InputError` naming the file.
+    """
+    bgr = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+    if bgr is None:
+        raise InputError(f"{path}: expected a readable photo, found something else")
+    return np.ascontiguousarray(bgr[..., ::-1])
 
 
 def exif_focal(exif: Image.Exif, size: tuple[int, int]) -> float | None:

@@ -6,17 +6,17 @@ masks confine them to where the object can be (Laurentini 1994).
 
 from collections.abc import Sequence
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from mattgs_ops.capture.camera import Camera
+from mattgs_ops.capture.masks import Mask, read_map
+from mattgs_ops.capture.photos import read_rgb
 from mattgs_ops.capture.scene import SparsePoints, View
 from mattgs_ops.capture.sparse import inside
 from mattgs_ops.errors import StageError
 
 Array = NDArray[np.float64]
-Mask = NDArray[np.uint8]
 SEEN_SHARE = 0.5  # of the cameras must have a point in their frame
 # Of the views that have a point in their frame, this share must place it in the mask; masks are
 # never perfect, and one bad one must not carve the object away.
@@ -51,7 +51,7 @@ def fill(views: Sequence[View], count: int, seed: int) -> SparsePoints:
     trained = [view for view in views if view.split == "train"]
     posed = [v for v in trained if v.camera is not None and v.mask is not None]
     cameras = [v.camera for v in posed if v.camera is not None]
-    masks = [_read(str(v.mask), cv2.IMREAD_GRAYSCALE) for v in posed]
+    masks = [read_map(v.mask) for v in posed if v.mask is not None]
     xyz = sample(cameras, masks, count, np.random.default_rng(seed))
     if not len(xyz):
         raise StageError(
@@ -113,19 +113,12 @@ def _colours(xyz: Array, views: Sequence[View]) -> tuple[NDArray[np.uint8], NDAr
     """Average the photos' colours over the views whose mask holds the point."""
     total, hits = np.zeros((len(xyz), 3)), np.zeros(len(xyz), dtype=np.int32)
     for view in views:
-        if view.camera is None:
+        if view.camera is None or view.mask is None:
             continue
         pixels, depths = view.camera.project(xyz)
-        hit = inside(_read(str(view.mask), cv2.IMREAD_GRAYSCALE), pixels, depths)
+        hit = inside(read_map(view.mask), pixels, depths)
         cells = np.floor(pixels[hit]).astype(np.int64)
-        photo = _read(str(view.photo), cv2.IMREAD_COLOR)[..., ::-1]
+        photo = read_rgb(view.photo)
         total[hit] += photo[cells[:, 1], cells[:, 0]]
         hits += hit
     return np.rint(total / np.maximum(hits, 1)[:, None]).astype(np.uint8), hits
-
-
-def _read(path: str, how: int) -> Mask:
-    image = cv2.imread(path, how)
-    if image is None:
-        raise StageError(f"{path}: expected a readable image")
-    return np.asarray(image, dtype=np.uint8)

@@ -24,11 +24,11 @@ from mattgs_ops.capture.masks import (
     threshold,
     write_mask,
 )
+from mattgs_ops.capture.photos import read_rgb
 from mattgs_ops.capture.scene import PreparedCapture, Scene, View
 from mattgs_ops.object_masks.photo_evidence.edges import to_photo_edges
 from mattgs_ops.object_masks.silhouettes import CONTRADICT, iou
 from mattgs_ops.parallel import over_views
-from mattgs_ops.segment.infer import read_photo
 from mattgs_ops.segment.mask_report import MaskReport, ViewReport, border_share, flags_of
 from mattgs_ops.segment.outline.refine import OutlineRefiner
 from mattgs_ops.sfm.assemble import vote
@@ -131,7 +131,7 @@ def _mask(soft: SoftMap, view: View, refiner: OutlineRefiner, *, plain_ground: b
     """Cut a map at the photo's size; its outline moves to edges, then to where the object ends."""
     size = view.width, view.height
     full = np.clip(cv2.resize(soft, size, interpolation=cv2.INTER_CUBIC), 0, 1)
-    photo = read_photo(view)
+    photo = read_rgb(view.photo)
     if plain_ground:
         full = refiner.mend(photo, full)
     at_edges = clean(to_photo_edges(clean(threshold(full)), photo))

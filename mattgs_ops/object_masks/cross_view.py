@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from mattgs_ops.capture.camera import Camera
 from mattgs_ops.capture.masks import SoftMap, mask_name, read_map
+from mattgs_ops.capture.photos import read_rgb
 from mattgs_ops.capture.scene import PreparedCapture, Scene, View
 from mattgs_ops.object_masks import silhouettes, splat_votes
 from mattgs_ops.object_masks.agreed_masks import keep, write
@@ -37,7 +38,6 @@ from mattgs_ops.object_masks.surfaces import train_surfaces
 from mattgs_ops.parallel import over_views
 from mattgs_ops.progress import Progress, no_progress
 from mattgs_ops.segment.mask_report import MaskReport
-from mattgs_ops.sfm.assemble import read_bgr
 from mattgs_ops.splat.photos import camera_at
 
 # Of the short training. Half the steps at 256 pixels leave splats that straddle outlines: even with
@@ -210,9 +210,9 @@ def _shrunk(maps: Sequence[SoftMap], cameras: Sequence[Camera]) -> list[SoftMap]
 
 
 def _photo(view: View, camera: Camera) -> NDArray[np.uint8]:
-    """Read a photo [H, W, 3] BGR at a camera's size."""
+    """Read a photo [H, W, 3] RGB at a camera's size."""
     size = camera.intrinsics.width, camera.intrinsics.height
-    small = cv2.resize(read_bgr(view), size, interpolation=cv2.INTER_AREA)
+    small = cv2.resize(read_rgb(view.photo), size, interpolation=cv2.INTER_AREA)
     return np.asarray(small, dtype=np.uint8)
 
 

@@ -26,6 +26,7 @@ from mattgs_ops.capture.masks import (
     threshold,
     write_mask,
 )
+from mattgs_ops.capture.photos import read_rgb
 from mattgs_ops.capture.scene import PreparedCapture, View
 from mattgs_ops.config import SegmentConfig
 from mattgs_ops.errors import InputError, StageError
@@ -129,20 +130,12 @@ def given_mask(view: View) -> Mask:
     return decode_mask(view.mask, (view.width, view.height))
 
 
-def read_photo(view: View) -> NDArray[np.uint8]:
-    """Read a view's photo, [H, W, 3] RGB."""
-    pixels = cv2.imread(str(view.photo), cv2.IMREAD_COLOR)
-    if pixels is None:
-        raise InputError(f"{view.photo}: expected a readable photo, found something else")
-    return np.ascontiguousarray(pixels[..., ::-1])
-
-
 def _soft_maps(
     capture: PreparedCapture, network: SaliencyNetwork
 ) -> Iterator[tuple[View, NDArray[np.uint8], SoftMap]]:
     for start in range(0, len(capture.views), network.batch):
         views = capture.views[start : start + network.batch]
-        photos = [read_photo(view) for view in views]
+        photos = [read_rgb(view.photo) for view in views]
         maps = network.soft_maps(photos, [view.name for view in views])
         yield from zip(views, photos, maps, strict=True)
 
@@ -157,7 +150,7 @@ def _without_network(view: View, source: str) -> Mask:
         return given_mask(view)
     if source == "none":
         return np.full((view.height, view.width), 255, np.uint8)
-    return clean(grabcut(read_photo(view)))
+    return clean(grabcut(read_rgb(view.photo)))
 
 
 def _scored(

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from mattgs_ops.capture.photos import read_rgb
 from mattgs_ops.capture.scene import PreparedCapture
 from mattgs_ops.capture.video import sharpness
 from mattgs_ops.progress import Progress, no_progress
-from mattgs_ops.segment.infer import read_photo
 
 SIDE = 480  # pixels of the longest side at which photos are matched
 FEATURES = 1500  # SIFT key points a photo
@@ -53,7 +53,7 @@ def inspect(capture: PreparedCapture, *, progress: Progress = no_progress) -> In
     sharp, bright, features = [], [], []
     sift = cv2.SIFT.create(nfeatures=FEATURES)
     for index, view in enumerate(capture.views):
-        photo = read_photo(view)
+        photo = read_rgb(view.photo)
         grey = _shrunk(cv2.cvtColor(photo, cv2.COLOR_RGB2GRAY))
         sharp.append(sharpness(np.ascontiguousarray(photo[..., ::-1])))
         bright.append(float(grey.mean()) / 255)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from mattgs_ops.capture.camera import Camera, Intrinsics
 from mattgs_ops.capture.formats.colmap_cameras import ColmapCamera
 from mattgs_ops.capture.masks import read_map
+from mattgs_ops.capture.photos import read_rgb
 from mattgs_ops.capture.scene import PreparedCapture, SparsePoints, View
 from mattgs_ops.capture.sparse import SparseModel, object_points
 from mattgs_ops.capture.undistortion import Lens, Undistortion, undistortion
@@ -110,7 +111,7 @@ def _write_view(
         shutil.copyfile(mask_path(masks, view), mask)
     else:
         soft_by, ids_by, coverage_by = _soft(lens), lens.ids, lens.coverage
-        _write(photo, lens.photo(read_bgr(view)))
+        _write(photo, lens.photo(read_rgb(view.photo))[..., ::-1])  # OpenCV writes BGR
         _write(mask, lens.mask(read_mask(masks, view)))
     if soft is not None:
         _write_map(soft / name, soft_by, out / "soft" / name)
@@ -178,14 +179,6 @@ def _soft(resample: Undistortion) -> Callable[[Grey], Grey]:
     return lambda grey: np.ascontiguousarray(
         resample.photo(np.repeat(grey[..., None], 3, axis=2))[..., 0]
     )
-
-
-def read_bgr(view: View) -> NDArray[np.uint8]:
-    """Read a view's photo [H, W, 3] as BGR; raises :class:`StageError` naming the file."""
-    photo = cv2.imread(str(view.photo), cv2.IMREAD_COLOR)
-    if photo is None:
-        raise StageError(f"{view.photo}: expected a readable photo")
-    return np.asarray(photo, dtype=np.uint8)
 
 
 def _write(path: Path, image: NDArray[np.uint8]) -> None:

@@ -7,10 +7,11 @@ the cameras, seen from above.
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mattgs_ops.capture.masks import read_map
+from mattgs_ops.capture.photos import read_rgb
 from mattgs_ops.capture.scene import Scene, View
 from mattgs_ops.capture.sparse import OBJECT_SHARE
 from mattgs_ops.errors import InputError
@@ -38,8 +39,10 @@ def draw(scene: Scene, path: Path, view: str | None = None) -> None:
     keypoints = read_keypoints(scene.folder)
     shown = _choose(scene, keypoints, view)
     xy, inside = keypoints[shown.name]
-    photo = _read(shown.photo, cv2.IMREAD_COLOR)[..., ::-1]
-    mask = _read(shown.mask, cv2.IMREAD_GRAYSCALE)
+    photo = read_rgb(shown.photo)
+    if shown.mask is None:
+        raise InputError(f"{scene.folder}: view {shown.name}: expected a mask, found none")
+    mask = read_map(shown.mask)
     figure = Figure(figsize=(5 * INCHES, INCHES * 1.1), dpi=DOTS, layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(1, 5)
@@ -123,10 +126,3 @@ def _cloud(axis: "Axes", scene: Scene) -> None:
     axis.set_xticks([])
     axis.set_yticks([])
     axis.set_title(f"{len(flat)} points, {int(on_object.sum())} on the object", fontsize=9)
-
-
-def _read(path: Path | None, how: int) -> NDArray[np.uint8]:
-    image = None if path is None else cv2.imread(str(path), how)
-    if image is None:
-        raise InputError(f"{path}: expected a readable image")
-    return np.asarray(image, dtype=np.uint8)

@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from mattgs_ops.capture.camera import Camera
+from mattgs_ops.capture.masks import read_map
+from mattgs_ops.capture.photos import read_rgb
 from mattgs_ops.capture.scene import View
 from mattgs_ops.config import TrainConfig
 from mattgs_ops.errors import InputError
@@ -97,7 +99,7 @@ def camera_at(view: View, resolution: int) -> Camera:
 def store_view(view: View, background: Background, resolution: int) -> StoredView:
     """Read one view as :func:`load_view` does, at 8 bits; raises the same errors."""
     camera = camera_at(view, resolution)
-    photo = _read(view.photo, cv2.IMREAD_COLOR, view)[:, :, ::-1]  # OpenCV reads BGR
+    photo = _sized(read_rgb(view.photo), view.photo, view)
     size = size_at(view.width, view.height, resolution)
     plain = _shrink(photo.astype(np.float32), size)
     if view.mask is None:
@@ -105,7 +107,7 @@ def store_view(view: View, background: Background, resolution: int) -> StoredVie
             raise InputError(f"view {view.name}: `nobg` needs a mask, found none")
         opaque = np.full(plain.shape[:2], 255, np.uint8)
         return StoredView(view.name, camera, plain, opaque, plain)
-    mask = _read(view.mask, cv2.IMREAD_GRAYSCALE, view).astype(np.float32)
+    mask = _sized(read_map(view.mask), view.mask, view).astype(np.float32)
     image = plain
     if background == "nobg":
         share = mask[:, :, None] / np.float32(255)
@@ -146,19 +148,12 @@ def recolour(image: Floats, mask: Floats, colour: Colour) -> Floats:
     return np.clip(changed, np.float32(0), np.float32(1))
 
 
-def _read(path: Path, flag: int, view: View) -> Bytes:
-    # imdecode instead of imread: a missing file raises by itself and nothing is printed to stderr
-    try:
-        data = np.fromfile(path, dtype=np.uint8)
-    except OSError as error:
-        raise InputError(f"{path}: expected a readable image: {error}") from error
-    pixels = cv2.imdecode(data, flag | cv2.IMREAD_IGNORE_ORIENTATION) if data.size else None
-    if pixels is None:
-        raise InputError(f"{path}: expected an 8-bit PNG, found a file that does not decode")
+def _sized(pixels: Bytes, path: Path, view: View) -> Bytes:
+    """Return the pixels that were read from ``path`` if they have the view's size."""
     if pixels.shape[:2] != (view.height, view.width):
         found = f"{pixels.shape[1]} x {pixels.shape[0]}"
         raise InputError(f"{path}: expected {view.width} x {view.height} pixels, found {found}")
-    return np.asarray(pixels, dtype=np.uint8)
+    return pixels
 
 
 def _shrink(values: Floats, size: tuple[int, int]) -> Bytes:

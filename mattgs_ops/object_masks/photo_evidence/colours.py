@@ -49,7 +49,7 @@ def cut_by_colours(
 ) -> tuple[ColourEvidence | None, list[SoftMap]]:
     """Return what colours say, and the agreed maps, corrected by them where that helps.
 
-    ``photos`` [H, W, 3] BGR, ``own`` and ``agreed`` maps [H, W] in [0, 1] are all of one size. Only
+    ``photos`` [H, W, 3] RGB, ``own`` and ``agreed`` maps [H, W] in [0, 1] are all of one size. Only
     views that are ``trained`` on are asked, at most :data:`MOST_VIEWS`, evenly. None where the
     outlines need nothing.
     """
@@ -83,7 +83,7 @@ def cut_by_colours(
 
 
 def by_colours(photo: NDArray[np.uint8], soft: SoftMap) -> SoftMap:
-    """Correct a map [H, W] in [0, 1] by the colours of its photo [H, W, 3] BGR.
+    """Correct a map [H, W] in [0, 1] by the colours of its photo [H, W, 3] RGB.
 
     Where colours deny it the map is mirrored about a half; elsewhere it stays. What it is sure
     about stays as well, thin parts included, which have no inside to learn colours from.
@@ -98,13 +98,13 @@ def by_colours(photo: NDArray[np.uint8], soft: SoftMap) -> SoftMap:
 def share_alike(photo: NDArray[np.uint8], thing: Bits, part: Bits, around: Bits) -> float:
     """Return the share of a part's pixels whose colour is the thing's rather than the rest's.
 
-    ``photo`` [H, W, 3] BGR; ``thing``, ``part`` and ``around`` [H, W] do not overlap. A colour is
+    ``photo`` [H, W, 3] RGB; ``thing``, ``part`` and ``around`` [H, W] do not overlap. A colour is
     the thing's where the histogram of the thing holds a larger share of it than that of what is
     ``around``. 0 where one of the three is too small to say.
     """
     if min(int(mask.sum()) for mask in (thing, part, around)) < FEWEST_PIXELS:
         return 0.0
-    places = cv2.cvtColor(photo, cv2.COLOR_BGR2LAB).astype(np.int64) * BINS // 256
+    places = cv2.cvtColor(photo, cv2.COLOR_RGB2LAB).astype(np.int64) * BINS // 256
     mine, others = _histogram(places[thing]), _histogram(places[around])
     colours = tuple(places[part].T)
     return float((mine[colours] > others[colours]).mean())

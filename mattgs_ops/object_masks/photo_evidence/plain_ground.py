@@ -65,7 +65,7 @@ def correct_by_ground(
 ) -> tuple[PlainGround, list[SoftMap]]:
     """Return what the ground says, and the maps [H, W] in [0, 1], corrected where it is plain.
 
-    ``photos`` [H, W, 3] BGR have the maps' size. Only views that are ``trained`` on are counted; a
+    ``photos`` [H, W, 3] RGB have the maps' size. Only views that are ``trained`` on are counted; a
     held-out view is corrected by what they show. A photo with too little ground keeps its map.
     """
     bins = over_views(deviations, photos, maps, threads=threads)
@@ -100,7 +100,7 @@ def deviations(photo: NDArray[np.uint8], soft: SoftMap) -> Residual | None:
     ground = cv2.erode((soft < SURE_BACKGROUND).astype(np.uint8), doubt_disc(soft.shape)) > 0
     if ground.mean() < LEAST_GROUND:
         return None
-    lab = cv2.cvtColor(photo.astype(np.float32) / 255, cv2.COLOR_BGR2LAB)
+    lab = cv2.cvtColor(photo.astype(np.float32) / 255, cv2.COLOR_RGB2LAB)
     powers = _powers(*soft.shape)
     places, colours = powers[ground], lab[ground]
     kept = np.ones(len(places), np.bool_)

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mattgs_ops.capture.masks import disc
+from mattgs_ops.capture.masks import disc, read_map
 from mattgs_ops.config import SfmConfig
 from mattgs_ops.errors import InputError
 from mattgs_ops.sfm.colmap.job import JobView
@@ -248,13 +248,11 @@ def read_grey(path: Path, longest: int) -> tuple[NDArray[np.uint8], float]:
 
 def inside_mask(path: Path, keypoints: NDArray[np.float32], grow: float) -> NDArray[np.bool_]:
     """Say which key points [K, 4] fall on the mask, grown by ``grow`` of its longest side."""
-    mask = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-    if mask is None:
-        raise InputError(f"{path}: expected a readable mask")
+    mask = read_map(path)
     height, width = mask.shape
     if grow:
         radius = max(1, round(grow * max(height, width)))
-        mask = cv2.dilate(mask, disc(radius))
+        mask = np.asarray(cv2.dilate(mask, disc(radius)), dtype=np.uint8)
     x = np.clip(keypoints[:, 0].astype(np.int64), 0, width - 1)
     y = np.clip(keypoints[:, 1].astype(np.int64), 0, height - 1)
     return np.asarray(mask[y, x] > 0)

@@ -13,6 +13,7 @@ from mattgs_ops.capture.photos import (
     exif_orientation,
     list_photos,
     on_white,
+    read_rgb,
 )
 from mattgs_ops.errors import InputError
 
@@ -191,3 +192,13 @@ def test_the_focal_length_comes_from_the_35_mm_equivalent() -> None:
 def test_a_photo_without_suffix_is_found_by_its_content(tmp_path: Path) -> None:
     Image.fromarray(colours()).save(tmp_path / "photo", format="PNG")
     assert [path.name for path in list_photos(tmp_path)[0]] == ["photo"]
+
+
+def test_a_stage_s_photo_is_read_as_red_green_blue(tmp_path: Path) -> None:
+    rgb = colours()
+    Image.fromarray(rgb).save(tmp_path / "a.png")
+    np.testing.assert_array_equal(read_rgb(tmp_path / "a.png"), rgb)
+    (tmp_path / "b.png").write_text("none")
+    for name in ("b.png", "missing.png"):
+        with pytest.raises(InputError, match=rf"{name}: expected a readable photo"):
+            read_rgb(tmp_path / name)

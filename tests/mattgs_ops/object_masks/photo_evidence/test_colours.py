@@ -97,7 +97,7 @@ def test_share_alike_is_what_a_loop_over_pixels_finds() -> None:
     rng = np.random.default_rng(4)
     photo = rng.integers(0, 255, (40, 40, 3), np.uint8)
     masks = [np.arange(1600).reshape(40, 40) % 3 == k for k in range(3)]
-    lab = cv2.cvtColor(photo, cv2.COLOR_BGR2LAB).astype(int) // 16
+    lab = cv2.cvtColor(photo, cv2.COLOR_RGB2LAB).astype(int) // 16
     counts = []
     for mask in (masks[0], masks[2]):
         cells = np.zeros((16, 16, 16))

@@ -21,8 +21,8 @@ def frame(view: int) -> np.ndarray:
 
 
 def photo_of(mask: np.ndarray, ground: np.ndarray, seed: int) -> np.ndarray:
-    """Make a reddish thing on a ground [H, W], with noise, as BGR."""
-    photo = np.where(mask[..., None] > 0, (60, 70, 150), ground[..., None]).astype(np.float32)
+    """Make a reddish thing on a ground [H, W], with noise, as RGB."""
+    photo = np.where(mask[..., None] > 0, (150, 70, 60), ground[..., None]).astype(np.float32)
     photo += np.random.default_rng(seed).normal(0, 1.5, photo.shape)
     return photo.clip(0, 255).astype(np.uint8)
 

@@ -131,6 +131,15 @@ def read_map(path: Path) -> Mask:
     return np.asarray(pixels, dtype=np.uint8)
 
 
+def map_folders(soft: Path) -> list[Path]:
+    """Return the folders of maps: ``soft`` and, of several networks, ``soft/1``, ``soft/2``, ….
+
+    ``soft`` has the mean of what the networks say, the others what each says by itself.
+    """
+    numbered = [folder for folder in soft.iterdir() if folder.is_dir() and folder.name.isdecimal()]
+    return [soft, *sorted(numbered, key=lambda folder: int(folder.name))]
+
+
 def write_mask(path: Path, pixels: NDArray[np.uint8]) -> None:
     """Write a mask or a saliency map [H, W]; raises :class:`StageError` when that fails."""
     if not cv2.imwrite(str(path), pixels):

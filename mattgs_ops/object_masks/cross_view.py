@@ -1,10 +1,11 @@
 """Masks that all views agree on: what several photos show corrects the map of each.
 
-A single photo's map leaks into clutter or misses a part, in other places in every photo. Two more
-sources correct it: the silhouettes of the other views (``silhouettes``), and votes of all maps on
-the splats of a short training (``splat_votes``). ``decision`` compares both with the maps, for the
-capture and for each view: on textured ground votes make the masks; on plain ground they may mean
-nothing, and maps are only corrected.
+Of several networks the mean's maps are the photos' own, or one's that are surely better
+(``own_maps``). A single photo's map leaks into clutter or misses a part, in other places in every
+photo. Two more sources correct it: the silhouettes of the other views (``silhouettes``), and votes
+of all maps on the splats of a short training (``splats.votes``). ``decision`` compares both with
+the maps, for the capture and for each view: on textured ground votes make the masks; on plain
+ground they may mean nothing, and maps are only corrected.
 
 ``agree(scene, capture, out)`` copies a scene with new masks, soft maps and votes of the points, and
 a new ``masks.json``. Only training views decide: masks of held-out views follow from that decision
@@ -24,17 +25,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mattgs_ops.capture.camera import Camera
-from mattgs_ops.capture.masks import SoftMap, mask_name, read_map
+from mattgs_ops.capture.masks import SoftMap, map_folders, mask_name, read_map
 from mattgs_ops.capture.photos import read_rgb
 from mattgs_ops.capture.scene import PreparedCapture, Scene, View
-from mattgs_ops.object_masks import silhouettes, splat_votes
+from mattgs_ops.object_masks import own_maps, silhouettes
 from mattgs_ops.object_masks.agreed_masks import keep, write
 from mattgs_ops.object_masks.decision import Decision, ViewEvidence, decide, half_meet_best
-from mattgs_ops.object_masks.ground_plane import Plane
 from mattgs_ops.object_masks.photo_evidence.colours import ColourEvidence, cut_by_colours
 from mattgs_ops.object_masks.photo_evidence.edges import surely_larger
 from mattgs_ops.object_masks.photo_evidence.plain_ground import PlainGround, correct_by_ground
-from mattgs_ops.object_masks.surfaces import train_surfaces
+from mattgs_ops.object_masks.splats import votes as splat_votes
+from mattgs_ops.object_masks.splats.ground_plane import Plane
+from mattgs_ops.object_masks.splats.surfaces import train_surfaces
 from mattgs_ops.parallel import over_views
 from mattgs_ops.progress import Progress, no_progress
 from mattgs_ops.segment.mask_report import MaskReport
@@ -60,22 +62,23 @@ def agree(
     were, and ``extra["agreement"]["none"]`` says why. Unregistered views keep their masks. A view
     whose mask is empty in the end is named in ``extra["dropped"]``.
     """
-    shutil.copytree(scene.folder, out, dirs_exist_ok=True)
+    shutil.copytree(scene.folder, out, ignore=_single_networks, dirs_exist_ok=True)
     report = MaskReport.load(scene.folder / "masks.json")
     if report.source != "u2net":
         return keep(scene, out, f"masks are {report.source}, nothing to vote on")
     views = [view for view in scene.views if view.camera is not None]
-    paths = [scene.folder / "soft" / mask_name(view.name) for view in views]
-    maps = over_views(_read, paths, threads=threads)
     cameras = [camera_at(view, silhouettes.SIDE) for view in views]
     trained = [view.split == "train" for view in views]
     shown = [camera_at(view, RESOLUTION) for view in views]
     photos = over_views(_photo, views, shown, threads=threads)
-    own = _shrunk(maps, shown)
-    plain, own_by_ground = correct_by_ground(photos, own, trained, threads=threads)
-    if plain.used:
-        maps = own = own_by_ground
-    outlines = silhouettes.predict(cameras, _shrunk(maps, cameras), trained)
+    offered = []
+    for folder in map_folders(scene.folder / "soft"):
+        paths = [folder / mask_name(view.name) for view in views]
+        offered.append(over_views(_map, paths, shown, threads=threads))
+    networks = own_maps.choose(offered, cameras, photos, trained)
+    plain, by_ground = correct_by_ground(photos, networks.maps, trained, threads=threads)
+    own = by_ground if plain.used else networks.maps
+    outlines = silhouettes.predict(cameras, own_maps.shrunk(own, cameras), trained)
     if outlines is None:
         return keep(scene, out, "the photos' maps share no object")
     splats = train_surfaces(
@@ -84,7 +87,7 @@ def agree(
     voting = [camera_at(view, VOTING) for view in views]
     names = [view.name for view in views]
     points = scene.points().xyz.astype(np.float64)
-    ballot = splat_votes.collect(splats, voting, maps, points, trained=trained, threads=threads)
+    ballot = splat_votes.collect(splats, voting, own, points, trained=trained, threads=threads)
 
     def judged(*, cut_ground: bool = True, half_needed: bool = False) -> _Judged:
         votes = ground = None
@@ -111,7 +114,7 @@ def agree(
             found = max(found, without, key=lambda one: np.mean(_worths(one, trained, _meets_both)))
     colours, soft = cut_by_colours(photos, own, found.maps, trained, threads=threads)
     agreed = {view.name: one for view, one in zip(found.decision.views, soft, strict=True)}
-    record = _decision_record(found, colours, plain)
+    record = _decision_record(found, colours, plain, networks)
     return write(
         scene, capture, out, report, agreed, record, plain_ground=plain.used, threads=threads
     )
@@ -176,7 +179,10 @@ def _meets_both(view: ViewEvidence) -> float:
 
 
 def _decision_record(
-    found: _Judged, colours: ColourEvidence | None, plain: PlainGround
+    found: _Judged,
+    colours: ColourEvidence | None,
+    plain: PlainGround,
+    networks: own_maps.OwnMaps,
 ) -> dict[str, Any]:
     """Return the decision as JSON values, rounded."""
     share = None if found.ground is None else found.ground.share
@@ -187,6 +193,8 @@ def _decision_record(
         "half_needed": found.half_needed,
         "colours": asked,
         "plain_ground": asdict(plain),
+        "network": networks.chosen,
+        "networks": networks.worths,
     }
     record: dict[str, Any] = _rounded(asdict(found.decision) | summary)
     return record
@@ -200,15 +208,6 @@ def _rounded(value: Any) -> Any:
     return [_rounded(one) for one in value] if isinstance(value, list | tuple) else value
 
 
-def _shrunk(maps: Sequence[SoftMap], cameras: Sequence[Camera]) -> list[SoftMap]:
-    """Shrink maps to the cameras' sizes by an area filter."""
-    sizes = [(camera.intrinsics.width, camera.intrinsics.height) for camera in cameras]
-    return [
-        np.asarray(cv2.resize(soft, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
-        for soft, size in zip(maps, sizes, strict=True)
-    ]
-
-
 def _photo(view: View, camera: Camera) -> NDArray[np.uint8]:
     """Read a photo [H, W, 3] RGB at a camera's size."""
     size = camera.intrinsics.width, camera.intrinsics.height
@@ -216,5 +215,13 @@ def _photo(view: View, camera: Camera) -> NDArray[np.uint8]:
     return np.asarray(small, dtype=np.uint8)
 
 
-def _read(path: Path) -> SoftMap:
-    return (read_map(path) / np.float32(255)).astype(np.float32)
+def _map(path: Path, camera: Camera) -> SoftMap:
+    """Read a map [H, W] in [0, 1] at a camera's size."""
+    (small,) = own_maps.shrunk([(read_map(path) / np.float32(255)).astype(np.float32)], [camera])
+    return small
+
+
+def _single_networks(folder: str, names: list[str]) -> list[str]:
+    """Return what of a scene's folder is not copied: after the choice nobody asks for it."""
+    below = Path(folder)
+    return [name for name in names if below.name == "soft" and (below / name).is_dir()]

@@ -45,7 +45,7 @@ from mattgs_ops.object_masks.silhouettes import (
     corrected,
     overlaps,
 )
-from mattgs_ops.object_masks.splat_votes import CERTAIN, Votes
+from mattgs_ops.object_masks.splats.votes import CERTAIN, Votes
 from mattgs_ops.object_masks.witnesses import UNCONFIRMED, Bits, Witnessed, judge_parts
 
 LEAST = 0.01  # agreement below it counts as this much: ratios stay finite

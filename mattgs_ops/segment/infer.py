@@ -1,7 +1,8 @@
 """Cut the object out of every photo of a capture: ``segment(capture, config, out)``.
 
 Writes ``out/masks/NAME.png`` (8-bit, 255 = object), ``out/soft/NAME.png`` (8-bit, the map before
-its threshold) and ``out/masks.json`` (:class:`MaskReport`).
+its threshold) and ``out/masks.json`` (:class:`MaskReport`). Of a model file of several networks the
+map is their mean, and ``out/soft/1/NAME.png``, … is what each of them says.
 
 ``source``: ``auto`` uses masks that came with the capture (alpha, or the user's own), else U²-Net;
 ``given`` insists on masks that came with it, a renderer's exact ones included; ``grabcut`` works
@@ -62,19 +63,22 @@ def segment(
     cv2.setNumThreads(threads)
     rows: list[tuple[float, float, ViewReport]] = []
 
-    def keep(view: View, soft: SoftMap, mask: Mask) -> None:
+    def keep(view: View, maps: Sequence[SoftMap], mask: Mask) -> None:
         write_mask(out / "masks" / mask_name(view.name), mask)
-        write_mask(out / "soft" / mask_name(view.name), np.rint(soft * 255).astype(np.uint8))
-        rows.append((border_share(mask), *_scored(view, mask, soft, capture)))
+        for index, soft in enumerate(maps):
+            folder = out / "soft" / (str(index) if index else "")
+            folder.mkdir(exist_ok=True)
+            write_mask(folder / mask_name(view.name), np.rint(soft * 255).astype(np.uint8))
+        rows.append((border_share(mask), *_scored(view, mask, maps[0], capture)))
         progress(len(rows), len(capture.views), f"masks by {source}")
 
     if network is not None:
-        for view, photo, soft in _soft_maps(capture, network):
-            keep(view, soft, _binary(photo, soft, config))
+        for view, photo, maps in _network_maps(capture, network):
+            keep(view, maps, _binary(photo, maps[0], config))
     else:
         for view in capture.views:
             mask = _without_network(view, source)
-            keep(view, (mask / np.float32(255)).astype(np.float32), mask)
+            keep(view, [(mask / np.float32(255)).astype(np.float32)], mask)
     if not any(row[1] for row in rows):
         raise StageError(
             f"{capture.name}: no object was found in any of {len(rows)} photos; give masks of your "
@@ -130,13 +134,13 @@ def given_mask(view: View) -> Mask:
     return decode_mask(view.mask, (view.width, view.height))
 
 
-def _soft_maps(
+def _network_maps(
     capture: PreparedCapture, network: SaliencyNetwork
-) -> Iterator[tuple[View, NDArray[np.uint8], SoftMap]]:
+) -> Iterator[tuple[View, NDArray[np.uint8], list[SoftMap]]]:
     for start in range(0, len(capture.views), network.batch):
         views = capture.views[start : start + network.batch]
         photos = [read_rgb(view.photo) for view in views]
-        maps = network.soft_maps(photos, [view.name for view in views])
+        maps = network.all_maps(photos, [view.name for view in views])
         yield from zip(views, photos, maps, strict=True)
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mattgs_ops.capture.camera import Camera, Intrinsics
 from mattgs_ops.capture.formats.colmap_cameras import ColmapCamera
-from mattgs_ops.capture.masks import read_map
+from mattgs_ops.capture.masks import map_folders, read_map
 from mattgs_ops.capture.photos import read_rgb
 from mattgs_ops.capture.scene import PreparedCapture, SparsePoints, View
 from mattgs_ops.capture.sparse import SparseModel, object_points
@@ -114,7 +114,8 @@ def _write_view(
         _write(photo, lens.photo(read_rgb(view.photo))[..., ::-1])  # OpenCV writes BGR
         _write(mask, lens.mask(read_mask(masks, view)))
     if soft is not None:
-        _write_map(soft / name, soft_by, out / "soft" / name)
+        for folder in map_folders(soft):
+            _write_map(folder / name, soft_by, out / "soft" / folder.relative_to(soft) / name)
     ids, coverage = view.ids, view.coverage
     if ids is not None:
         ids = _write_map(ids, ids_by, out / "ids" / name)
@@ -166,7 +167,7 @@ def _pinholes(model: SparseModel, conversions: dict[int, PinholeConversion]) -> 
 
 def _write_map(source: Path, resample: Callable[[Grey], Grey] | None, out: Path) -> Path:
     """Write a map of one number a pixel as the pinhole sees it; the same file without a lens."""
-    out.parent.mkdir(exist_ok=True)
+    out.parent.mkdir(parents=True, exist_ok=True)
     if resample is None:
         shutil.copyfile(source, out)
         return out

@@ -1,7 +1,8 @@
 """Several saliency networks as one ONNX file: each is asked, and the mean of their maps is given.
 
-The file has one input ``image`` [N, 3, S, S] float32, S the largest side of the networks', and one
-output ``saliency`` [N, 1, S, S] in 0..1. Inside, the image is resized to each network's side; each
+The file has one input ``image`` [N, 3, S, S] float32, S the largest side of the networks', a first
+output ``saliency`` [N, 1, S, S] in 0..1, and what each network says by itself in ``saliency/1``,
+``saliency/2``, … Inside, the image is resized to each network's side; each
 map is stretched to 0..1, as ``saliency.stretched`` does it, resized to S, and the mean is taken
 (an ensemble by averaging: Hansen and Salamon 1990). Weights are stored in half precision and
 computed with in single precision, so that two networks need the room of one.
@@ -18,13 +19,13 @@ from numpy.typing import NDArray
 from onnx import GraphProto, ModelProto, NodeProto, TensorProto, compose, helper, numpy_helper
 
 from mattgs_ops.errors import InputError, StageError
-from mattgs_ops.segment.network.saliency import LEAST_CONTRAST, SaliencyNetwork, stretched
+from mattgs_ops.segment.network.saliency import LEAST_CONTRAST, SALIENCY, SaliencyNetwork, stretched
 from mattgs_ops.segment.onnx_file import OPSET
 
 # on probabilities: half precision keeps 11 bits of a weight; through the hundred layers of the
 # bundled networks that became 0.0007, which leaves room for other networks
 TOLERANCE = 0.01
-IMAGE, SALIENCY = "image", "saliency"
+IMAGE = "image"
 EACH_MAP = [1, 2, 3]  # the axes of one map
 
 
@@ -96,7 +97,8 @@ def _graph(members: Sequence[_Member], side: int) -> GraphProto:
         nodes += _resized(
             f"{said}/stretched", f"{said}/resized", channels=1, side=side, tensors=tensors
         )
-        maps.append(_clipped(f"{said}/resized", nodes, tensors))
+        maps.append(f"{SALIENCY}/{number + 1}")
+        nodes.append(_clipped(f"{said}/resized", maps[-1], tensors))
     nodes.append(helper.make_node("Mean", maps, [SALIENCY]))
 
     def images(name: str, channels: int) -> onnx.ValueInfoProto:
@@ -104,9 +106,8 @@ def _graph(members: Sequence[_Member], side: int) -> GraphProto:
             name, TensorProto.FLOAT, ["images", channels, side, side]
         )
 
-    return helper.make_graph(
-        nodes, "mean of saliency maps", [images(IMAGE, 3)], [images(SALIENCY, 1)], tensors
-    )
+    outputs = [images(name, 1) for name in (SALIENCY, *maps)]
+    return helper.make_graph(nodes, "mean of saliency maps", [images(IMAGE, 3)], outputs, tensors)
 
 
 def _constant(name: str, values: NDArray[np.generic], tensors: list[TensorProto]) -> str:
@@ -133,14 +134,13 @@ def _resized(
     ]
 
 
-def _clipped(source: str, nodes: list[NodeProto], tensors: list[TensorProto]) -> str:
+def _clipped(source: str, target: str, tensors: list[TensorProto]) -> NodeProto:
     """Bring what cubic interpolation overshoots back to 0..1."""
     bounds = [
         _constant(f"{source}/{bound}", np.array(value, np.float32), tensors)
         for bound, value in (("zero", 0), ("one", 1))
     ]
-    nodes.append(helper.make_node("Clip", [source, *bounds], [f"{source}/clipped"]))
-    return f"{source}/clipped"
+    return helper.make_node("Clip", [source, *bounds], [target])
 
 
 def _halved(weights: TensorProto, tensors: list[TensorProto]) -> list[NodeProto]:

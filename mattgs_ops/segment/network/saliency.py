@@ -2,10 +2,12 @@
 
 Works with the bundled pair of U²-NetP and with any ONNX file of U²-Net's convention: one input
 [N, 3, H, W] float32, the first output the fused map [N, 1, H, W]. Size and names are read from the
-file.
+file. Of a file that combines networks (``ensemble``), what each says by itself is in outputs of the
+same shape, named ``saliency/1``, ``saliency/2``, …; other outputs are passed over.
 """
 
 import hashlib
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -22,6 +24,7 @@ from mattgs_ops.segment.onnx_file import open_model
 BUNDLED_MODEL = Path(__file__).resolve().parents[2] / "bundled" / "segmenter" / "u2netp-pair.onnx"
 DEFAULT_SIZE = 320  # for files that leave the size open; what U²-Net was published with
 LEAST_CONTRAST = 0.05  # of probability; a map flatter than this has found nothing
+SALIENCY = "saliency"  # the output of files made here; what their networks say is "saliency/1", …
 BATCH = 4  # photos at a time; memory grows with it, speed hardly
 
 
@@ -39,7 +42,8 @@ class SaliencyNetwork:
         if not outputs or not _fits(outputs[0].shape, channels=1):
             found = ", ".join(f"{o.name} {o.shape}" for o in outputs) or "none"
             raise InputError(f"{path}: expected a first output [N, 1, H, W], found {found}")
-        self.input, self.output = inputs[0].name, outputs[0].name
+        single = [o.name for o in outputs if re.fullmatch(rf"{SALIENCY}/\d+", o.name)]
+        self.input, self.outputs = inputs[0].name, [outputs[0].name, *single]
         sides = [s if isinstance(s, int) and s > 0 else DEFAULT_SIZE for s in shape[2:]]
         self.height, self.width = sides
         self.batch = shape[0] if isinstance(shape[0], int) and shape[0] > 0 else BATCH
@@ -55,15 +59,22 @@ class SaliencyNetwork:
         A photo in which nothing was found gets a map of zeros. Raises :class:`StageError` naming
         the photo whose map is not finite.
         """
+        return [maps[0] for maps in self.all_maps(photos, names)]
+
+    def all_maps(
+        self, photos: Sequence[NDArray[np.uint8]], names: Sequence[str]
+    ) -> list[list[SoftMap]]:
+        """As :meth:`soft_maps`, and for each photo also what each network of the file says."""
         inputs = [network_input(photo, self.width, self.height) for photo in photos]
-        maps: list[NDArray[np.float32]] = []
+        raw: list[NDArray[np.float32]] = []  # [outputs, H, W] of each photo
         for start in range(0, len(inputs), self.batch):
             chunk = inputs[start : start + self.batch]
             padding = [chunk[-1]] * (self.batch - len(chunk)) if self._fixed_batch else []
-            maps.extend(self.raw_maps(np.stack([*chunk, *padding]))[: len(chunk)])
+            answers = self._answers(np.stack([*chunk, *padding]), self.outputs)
+            raw.extend(answers.swapaxes(0, 1)[: len(chunk)])
         return [
-            stretched(raw, photo.shape[1], photo.shape[0], name)
-            for raw, photo, name in zip(maps, photos, names, strict=True)
+            [stretched(one, photo.shape[1], photo.shape[0], name) for one in said]
+            for said, photo, name in zip(raw, photos, names, strict=True)
         ]
 
     @property
@@ -75,16 +86,23 @@ class SaliencyNetwork:
 
         Raises :class:`StageError` when the model fails, :class:`InputError` for another shape.
         """
+        answers: NDArray[np.float32] = self._answers(inputs, self.outputs[:1])[0]
+        return answers
+
+    def _answers(self, inputs: NDArray[np.float32], outputs: Sequence[str]) -> NDArray[np.float32]:
+        """Return the ``outputs`` [O, N, H, W] of the file; see :meth:`raw_maps`."""
         try:
-            (raw,) = self._session.run([self.output], {self.input: inputs})
+            raw = self._session.run(list(outputs), {self.input: inputs})
         except Exception as error:  # ONNX Runtime's own types are not public
             raise StageError(f"{self.path}: the model failed on {inputs.shape}: {error}") from error
         expected = (len(inputs), 1, *inputs.shape[2:])
-        if tuple(raw.shape) != expected:
-            raise InputError(
-                f"{self.path}: expected a first output of {list(expected)}, found {list(raw.shape)}"
-            )
-        return np.asarray(raw[:, 0], dtype=np.float32)
+        for name, one in zip(outputs, raw, strict=True):
+            if tuple(one.shape) != expected:
+                raise InputError(
+                    f"{self.path}: expected output {name} of {list(expected)}, "
+                    f"found {list(one.shape)}"
+                )
+        return np.stack([one[:, 0] for one in raw]).astype(np.float32, copy=False)
 
 
 def _fits(shape: Sequence[object], *, channels: int) -> bool:

@@ -21,7 +21,7 @@ from mattgs_ops.splat.gaussians import Splats
 from mattgs_ops.splat.rasterize import render
 from mattgs_ops.splat.training.initialise import SH_C0
 from tests.mattgs_ops.object_masks.ball import HEIGHT, WIDTH, orbit
-from tests.mattgs_ops.object_masks.test_splat_votes import BALL, made_of, scene_of_splats
+from tests.mattgs_ops.object_masks.splats.test_votes import BALL, made_of, scene_of_splats
 
 
 def without_points(views: list[View]) -> SparseModel:
@@ -148,6 +148,41 @@ def test_the_ground_is_cut_unless_that_goes_through_a_plate_of_the_object(
         if view.mask is not None
     ]
     assert np.mean(scores) > 0.85, scores
+
+
+def test_a_network_that_is_surely_better_than_the_mean_makes_the_masks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A red ball on a speckled desk; the mean takes along a patch, elsewhere in every view."""
+    splats = scene_of_splats()
+    ball = np.arange(len(splats.means)) < BALL
+    speckles = np.random.default_rng(0).uniform(0.0, 0.9, (len(ball), 3))
+    colours = np.where(ball[:, None], [0.8, 0.1, 0.1], speckles)
+    photos = [
+        np.rint(photo.clip(0, 1) * 255).astype(np.uint8) for photo in painted(colours, splats)
+    ]
+    right = [shown[..., 0].clip(0, 1) for shown in painted(ball[:, None].repeat(3, 1), splats)]
+    leaking = [soft.copy() for soft in right]
+    for index, soft in enumerate(leaking):
+        soft[8 + index : 40 + index, slice(0, 30) if index % 2 else slice(-30, None)] = 1
+    scene, capture = solved(tmp_path / "in", "u2net", leaking, photos)
+    for folder, maps in (("1", leaking), ("2", right)):
+        (scene.folder / "soft" / folder).mkdir()
+        for view, soft in zip(scene.views, maps, strict=True):
+            path = scene.folder / "soft" / folder / mask_name(view.name)
+            cv2.imwrite(str(path), (soft * 255).astype(np.uint8))
+    monkeypatch.setattr(cross_view, "train_surfaces", lambda *_args, **_settings: splats)
+    found = agree(scene, capture, tmp_path / "out")
+    assert found.extra["agreement"]["network"] == 2
+    mean, first, second = found.extra["agreement"]["networks"]
+    assert mean == first < second
+    assert not (tmp_path / "out" / "soft" / "1").exists()
+    scores = [
+        iou(read_map(view.mask) > 0, shown >= 0.5)
+        for view, shown in zip(found.views, right, strict=True)
+        if view.mask is not None
+    ]
+    assert np.mean(scores) > 0.9, scores
 
 
 @pytest.mark.parametrize(("invented", "sure"), [(True, True), (True, False), (False, True)])

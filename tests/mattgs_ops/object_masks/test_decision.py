@@ -9,8 +9,8 @@ import pytest
 from mattgs_ops.capture.masks import SoftMap
 from mattgs_ops.object_masks.decision import Decision, decide, half_meet_best
 from mattgs_ops.object_masks.silhouettes import Silhouettes, averaged, iou, predict
-from mattgs_ops.object_masks.splat_labels import Place
-from mattgs_ops.object_masks.splat_votes import LEVELS, Votes
+from mattgs_ops.object_masks.splats.labels import Place
+from mattgs_ops.object_masks.splats.votes import LEVELS, Votes
 from mattgs_ops.object_masks.witnesses import MOST_ATTACHED, UNCONFIRMED
 from tests.mattgs_ops.object_masks.ball import CENTRE, HEIGHT, RADIUS, VIEWS, WIDTH, orbit, truth
 

@@ -9,7 +9,7 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from mattgs_ops.capture.masks import quality
+from mattgs_ops.capture.masks import map_folders, quality
 from mattgs_ops.capture.scene import PreparedCapture, View
 from mattgs_ops.config import SegmentConfig
 from mattgs_ops.errors import InputError, StageError
@@ -29,7 +29,14 @@ class Redness(nn.Module):
         return found, image
 
 
-def exported(module: nn.Module, path: Path, shape: tuple[int, ...], *, batch: bool = True) -> Path:
+def exported(
+    module: nn.Module,
+    path: Path,
+    shape: tuple[int, ...],
+    *,
+    batch: bool = True,
+    outputs: list[str] | None = None,
+) -> Path:
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", category=DeprecationWarning)
         torch.onnx.export(
@@ -38,6 +45,7 @@ def exported(module: nn.Module, path: Path, shape: tuple[int, ...], *, batch: bo
             str(path),
             dynamo=False,
             input_names=["photo"],
+            output_names=outputs,
             dynamic_axes={"photo": {0: "n"}} if batch else None,
         )
     return path
@@ -84,6 +92,25 @@ def test_a_network_cuts_every_photo_out(tmp_path: Path, redness: Path) -> None:
     assert report.views[0].foreground == pytest.approx((masks["v0.jpg.png"] > 0).mean())
     assert not report.flagged
     assert MaskReport.load(tmp_path / "out/masks.json") == report
+
+
+class TwoOpinions(nn.Module):
+    """Says red things by a first output that is the mean of two further ones."""
+
+    def forward(self, image: Tensor) -> tuple[Tensor, ...]:
+        red = torch.sigmoid(2 * (image[:, :1] - image[:, 2:]))
+        return (red + 1 - red.flip(3)) / 2, red, 1 - red.flip(3)
+
+
+def test_what_each_network_of_a_file_says_is_kept_below_soft(tmp_path: Path) -> None:
+    names = ["saliency", "saliency/1", "saliency/2"]
+    model = exported(TwoOpinions(), tmp_path / "two.onnx", (1, 3, 36, 48), outputs=names)
+    segment(capture(tmp_path / "in"), SegmentConfig(model=model), tmp_path / "out")
+    soft = tmp_path / "out" / "soft"
+    assert map_folders(soft) == [soft, soft / "1", soft / "2"]
+    one, two = (masks_in(soft / name)["v0.jpg.png"].astype(int) for name in ("1", "2"))
+    assert one[36, 40] > 250 > 5 > one[5, 5]
+    np.testing.assert_allclose(two, 255 - one[:, ::-1], atol=2)
 
 
 def test_one_photo_with_nothing_in_it_gets_a_black_mask_and_a_flag(

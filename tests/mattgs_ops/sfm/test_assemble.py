@@ -45,6 +45,9 @@ def test_dots_photos_masks_and_key_points_move_together(
         cv2.imwrite(str(photo), np.rint(blob).astype(np.uint8)[..., None].repeat(3, axis=2))
         mask = tmp_path / "masks" / photo.name
         cv2.imwrite(str(mask), np.where(blob > 100, 255, 0).astype(np.uint8))
+        for folder in ("soft", "soft/1", "soft/10"):
+            (tmp_path / folder).mkdir(exist_ok=True)
+            cv2.imwrite(str(tmp_path / folder / photo.name), np.rint(blob).astype(np.uint8))
         views.append(View(f"{n}.jpg", "train", *SIZE, photo, mask, None, ids=mask))
         images[n + 1] = SparseImage(
             photo.name, 1, np.eye(3), np.zeros(3), pixel[None], np.array([n])
@@ -54,7 +57,7 @@ def test_dots_photos_masks_and_key_points_move_together(
     model = SparseModel({1: camera}, images, xyz, np.zeros((4, 3), np.uint8), np.zeros(4))
 
     out, pinholes, conversions = assemble.write_views(
-        capture, tmp_path / "masks", model, tmp_path / "out", threads=threads
+        capture, tmp_path / "masks", model, tmp_path / "out", tmp_path / "soft", threads=threads
     )
     keypoints = tmp_path / "k.npz"
     np.savez(keypoints, names=np.array([v.name for v in views]), counts=np.ones(4, int), xy=lens)
@@ -66,7 +69,8 @@ def test_dots_photos_masks_and_key_points_move_together(
         expected = view.camera.project(xyz[n : n + 1])[0][0]
         assert np.allclose(pinholes.images[n + 1].xy[0], expected, atol=1e-3)
         assert np.allclose(moved[n], expected, atol=1e-3)
-        for path in (view.photo, view.mask, view.ids):
+        soft = [tmp_path / "out" / "soft" / one / f"{view.name}.png" for one in ("", "1", "10")]
+        for path in (view.photo, view.mask, view.ids, *soft):
             assert path is not None
             assert path.is_relative_to(tmp_path / "out")
             picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE).astype(float)

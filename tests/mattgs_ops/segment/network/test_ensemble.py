@@ -55,6 +55,20 @@ def test_the_map_is_the_mean_of_both_at_the_larger_side(pair: list[Path], tmp_pa
         assert wanted.std() > 0.02  # otherwise any map would pass
 
 
+def test_what_each_network_says_is_there_too(pair: list[Path], tmp_path: Path) -> None:
+    ensemble.combine(pair, tmp_path / "mean.onnx")
+    photo = np.random.default_rng(5).integers(0, 256, (60, 80, 3), dtype=np.uint8)
+    both = SaliencyNetwork(tmp_path / "mean.onnx")
+    (said,) = both.all_maps([photo], ["a"])
+    mean, first, second = said
+    np.testing.assert_array_equal(both.soft_maps([photo], ["a"])[0], mean)
+    assert np.abs(first - second).max() > 0.2
+    assert all(one.shape == (60, 80) for one in said)
+    # the second has the file's own side, and sees the photo as it does by itself
+    (alone,) = SaliencyNetwork(pair[1]).soft_maps([photo], ["a"])
+    np.testing.assert_allclose(second, alone, atol=0.01)
+
+
 def test_two_networks_need_the_room_of_one(pair: list[Path], tmp_path: Path) -> None:
     ensemble.combine(pair, tmp_path / "mean.onnx")
     sizes = [path.stat().st_size for path in pair]

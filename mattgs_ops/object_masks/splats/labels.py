@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mattgs_ops.capture.camera import Camera
 from mattgs_ops.capture.masks import SoftMap
-from mattgs_ops.object_masks import ground_plane
+from mattgs_ops.object_masks.splats import ground_plane
 from mattgs_ops.splat.gaussians import Splats
 from mattgs_ops.splat.rasterize import backward, render
 from mattgs_ops.splat.training.initialise import SH_C0

@@ -2,9 +2,15 @@
 
 import numpy as np
 
-from mattgs_ops.object_masks.splat_labels import render_labels
+from mattgs_ops.object_masks.splats.labels import render_labels
 from tests.mattgs_ops.object_masks.ball import CENTRE, HEIGHT, VIEWS, WIDTH, orbit, truth
-from tests.mattgs_ops.object_masks.test_splat_votes import BALL, agreed, asked, iou, scene_of_splats
+from tests.mattgs_ops.object_masks.splats.test_votes import (
+    BALL,
+    agreed,
+    asked,
+    iou,
+    scene_of_splats,
+)
 
 
 def test_a_splats_label_is_the_mean_of_what_its_pixels_were_given() -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mattgs_ops.object_masks.ground_plane import find
+from mattgs_ops.object_masks.splats.ground_plane import find
 
 Array = np.ndarray
 

@@ -9,9 +9,9 @@ import pytest
 import torch
 
 from mattgs_ops.capture.camera import Camera
-from mattgs_ops.object_masks.ground_plane import Plane
-from mattgs_ops.object_masks.splat_labels import Place, render_labels, tally
-from mattgs_ops.object_masks.splat_votes import (
+from mattgs_ops.object_masks.splats.ground_plane import Plane
+from mattgs_ops.object_masks.splats.labels import Place, render_labels, tally
+from mattgs_ops.object_masks.splats.votes import (
     QUARTER,
     collect,
     locate,

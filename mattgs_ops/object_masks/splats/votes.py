@@ -1,7 +1,7 @@
 """Votes of all views on each splat, and the masks that follow from them.
 
 The splats of a short training are surfaces that all photos share, and views vote on each
-(``splat_labels``). The mean votes, rendered from each camera, are maps on which the views agree. A
+(``labels``). The mean votes, rendered from each camera, are maps on which the views agree. A
 second round votes with these maps, stretched between two bounds: it carries the opinion of most
 views to parts where few maps are certain. Splats on or under the plane that the object stands on
 (``ground_plane``) are not object; splats attached to certain object splats may be
@@ -21,10 +21,10 @@ from scipy.spatial import cKDTree
 
 from mattgs_ops.capture.camera import Camera
 from mattgs_ops.capture.masks import SoftMap
-from mattgs_ops.object_masks import ground_plane
-from mattgs_ops.object_masks.attached_parts import attached, without_stranded
 from mattgs_ops.object_masks.silhouettes import around_half, iou
-from mattgs_ops.object_masks.splat_labels import (
+from mattgs_ops.object_masks.splats import ground_plane
+from mattgs_ops.object_masks.splats.attached_parts import attached, without_stranded
+from mattgs_ops.object_masks.splats.labels import (
     UNSEEN,
     Floats,
     Place,

@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from mattgs_ops.object_masks.attached_parts import (
+from mattgs_ops.object_masks.splats.attached_parts import (
     TOUCH,
     Touches,
     attached,

@@ -1,0 +1,81 @@
+"""Which of several networks' maps are the photos' own: their mean, or one that is surely better.
+
+A file of several networks (``segment.network.ensemble``) says their mean and what each says by
+itself. The mean is the best of them on most captures; but one network may take along the plate on
+which an object stands, and one may miss pale things on pale ground. Once cameras are known, two
+witnesses tell, view by view: how well a map meets the outline that the others of its network
+predict for it (``silhouettes``), and how much of its outline lies on the photo's edges. What both
+say is multiplied, as in ``decision``.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mattgs_ops.capture.camera import Camera
+from mattgs_ops.capture.masks import HALF, SoftMap
+from mattgs_ops.object_masks import silhouettes
+from mattgs_ops.object_masks.photo_evidence.edges import edges_near, share_on_edges, surely_larger
+
+
+@dataclass(frozen=True)
+class OwnMaps:
+    """The chosen ``maps`` [H, W], one a view, and which of the networks' they are.
+
+    ``chosen`` is 0 for the mean, and k for the kth network of the file; ``worths`` what the
+    witnesses say of each on average, 0 to 1, and empty where there was no choice.
+    """
+
+    maps: list[SoftMap]
+    chosen: int
+    worths: tuple[float, ...]
+
+
+def choose(
+    offered: Sequence[list[SoftMap]],
+    cameras: Sequence[Camera],
+    photos: Sequence[NDArray[np.uint8]],
+    trained: Sequence[bool],
+) -> OwnMaps:
+    """Return the mean's maps, or those of the best network where these are surely worth more.
+
+    ``offered`` has the maps [H, W] in [0, 1] of the mean and of each network, one a view, of the
+    ``photos``' sizes [H, W, 3]; ``cameras`` have the size at which silhouettes are compared. Only
+    views that are ``trained`` on are asked. A map without an object is worth nothing.
+    """
+    if len(offered) == 1:
+        return OwnMaps(offered[0], 0, ())
+    edges = [edges_near(photo) for photo in photos]
+    worths = [_worths(maps, cameras, edges, trained) for maps in offered]
+    best = int(np.argmax([np.mean(one) for one in worths]))
+    chosen = best if surely_larger(worths[best], worths[0]) else 0
+    return OwnMaps(offered[chosen], chosen, tuple(float(np.mean(one)) for one in worths))
+
+
+def shrunk(maps: Sequence[SoftMap], cameras: Sequence[Camera]) -> list[SoftMap]:
+    """Shrink maps [H, W] to the cameras' sizes by an area filter."""
+    sizes = [(camera.intrinsics.width, camera.intrinsics.height) for camera in cameras]
+    return [
+        np.asarray(cv2.resize(soft, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
+        for soft, size in zip(maps, sizes, strict=True)
+    ]
+
+
+def _worths(
+    maps: Sequence[SoftMap],
+    cameras: Sequence[Camera],
+    edges: Sequence[NDArray[np.bool_]],
+    trained: Sequence[bool],
+) -> list[float]:
+    """Return what the witnesses say of each training view's map, 0 to 1."""
+    small = shrunk(maps, cameras)
+    asked = [k for k, use in enumerate(trained) if use]
+    outlines = silhouettes.predict(cameras, small, trained)
+    if outlines is None:
+        return [0.0] * len(asked)
+    speaking = [k for k in asked if (small[k] >= HALF).any()]
+    met = dict(zip(speaking, outlines.agreement, strict=True))
+    return [met.get(k, 0.0) * share_on_edges(maps[k] >= HALF, edges[k]) for k in asked]

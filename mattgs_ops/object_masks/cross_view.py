@@ -109,7 +109,7 @@ def agree(
     if found.cut_in_doubt:
         without = judged(cut_ground=False, half_needed=found.half_needed)
         if without.believed:
-            found = without if _better(without, found, trained, _on_edges) else found
+            found = without if _cut_is_denied(found, without, trained) else found
         elif not found.believed:  # they only correct maps, by what is the better guess
             found = max(found, without, key=lambda one: np.mean(_worths(one, trained, _meets_both)))
     colours, soft = cut_by_colours(photos, own, found.maps, trained, threads=threads)
@@ -152,6 +152,17 @@ class _Judged:
         return self.ground_cut and confirmed[kept] < confirmed["maps"]
 
 
+def _cut_is_denied(cut: _Judged, uncut: _Judged, trained: Sequence[bool]) -> bool:
+    """Whether votes without the ground's cut are surely better by edges, or by both witnesses.
+
+    Maps alone do not tell: they take along a sheet that the object stands on.
+    """
+    if _better(uncut, cut, trained, _on_edges):
+        return True
+    by_edges = [float(np.mean(_worths(one, trained, _on_edges))) for one in (uncut, cut)]
+    return by_edges[0] >= by_edges[1] and _better(uncut, cut, trained, _meets)
+
+
 def _better(
     first: _Judged,
     second: _Judged,
@@ -173,9 +184,13 @@ def _on_edges(view: ViewEvidence) -> float:
     return view.confirmed or 0.0
 
 
+def _meets(view: ViewEvidence) -> float:
+    return view.with_parts or 0.0
+
+
 def _meets_both(view: ViewEvidence) -> float:
     """Return how well votes meet the photo's map and its edges together."""
-    return (view.with_parts or 0.0) * _on_edges(view)
+    return _meets(view) * _on_edges(view)
 
 
 def _decision_record(

@@ -71,14 +71,13 @@ def agree(
     trained = [view.split == "train" for view in views]
     shown = [camera_at(view, RESOLUTION) for view in views]
     photos = over_views(_photo, views, shown, threads=threads)
-    offered = []
-    for folder in map_folders(scene.folder / "soft"):
-        paths = [folder / mask_name(view.name) for view in views]
-        offered.append(over_views(_map, paths, shown, threads=threads))
+    offered = _offered(scene, views, shown, threads)
     networks = own_maps.choose(offered, cameras, photos, trained)
     plain, by_ground = correct_by_ground(photos, networks.maps, trained, threads=threads)
-    own = by_ground if plain.used else networks.maps
-    outlines = silhouettes.predict(cameras, own_maps.shrunk(own, cameras), trained)
+    own, outlines = networks.maps, networks.outlines
+    if plain.used:
+        own = by_ground
+        outlines = silhouettes.predict(cameras, own_maps.shrunk(own, cameras), trained)
     if outlines is None:
         return keep(scene, out, "the photos' maps share no object")
     splats = train_surfaces(
@@ -228,6 +227,15 @@ def _photo(view: View, camera: Camera) -> NDArray[np.uint8]:
     size = camera.intrinsics.width, camera.intrinsics.height
     small = cv2.resize(read_rgb(view.photo), size, interpolation=cv2.INTER_AREA)
     return np.asarray(small, dtype=np.uint8)
+
+
+def _offered(
+    scene: Scene, views: Sequence[View], cameras: Sequence[Camera], threads: int
+) -> list[list[SoftMap]]:
+    """Return the maps [H, W] of the mean and of each network, one a view, at the cameras' sizes."""
+    folders = map_folders(scene.folder / "soft")
+    paths = ([folder / mask_name(view.name) for view in views] for folder in folders)
+    return [over_views(_map, one, cameras, threads=threads) for one in paths]
 
 
 def _map(path: Path, camera: Camera) -> SoftMap:

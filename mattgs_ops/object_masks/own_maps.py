@@ -19,6 +19,7 @@ from mattgs_ops.capture.camera import Camera
 from mattgs_ops.capture.masks import HALF, SoftMap
 from mattgs_ops.object_masks import silhouettes
 from mattgs_ops.object_masks.photo_evidence.edges import edges_near, share_on_edges, surely_larger
+from mattgs_ops.object_masks.silhouettes import Silhouettes
 
 
 @dataclass(frozen=True)
@@ -26,10 +27,12 @@ class OwnMaps:
     """The chosen ``maps`` [H, W], one a view, and which of the networks' they are.
 
     ``chosen`` is 0 for the mean, and k for the kth network of the file; ``worths`` what the
-    witnesses say of each on average, 0 to 1, and empty where there was no choice.
+    witnesses say of each on average, 0 to 1. ``outlines`` is what the chosen maps predict of each
+    other, None where they share no object.
     """
 
     maps: list[SoftMap]
+    outlines: Silhouettes | None
     chosen: int
     worths: tuple[float, ...]
 
@@ -46,13 +49,14 @@ def choose(
     ``photos``' sizes [H, W, 3]; ``cameras`` have the size at which silhouettes are compared. Only
     views that are ``trained`` on are asked. A map without an object is worth nothing.
     """
-    if len(offered) == 1:
-        return OwnMaps(offered[0], 0, ())
     edges = [edges_near(photo) for photo in photos]
-    worths = [_worths(maps, cameras, edges, trained) for maps in offered]
-    best = int(np.argmax([np.mean(one) for one in worths]))
+    small = [shrunk(maps, cameras) for maps in offered]
+    outlines = [silhouettes.predict(cameras, maps, trained) for maps in small]
+    worths = [_worths(*one, edges, trained) for one in zip(offered, small, outlines, strict=True)]
+    means = tuple(float(np.mean(one)) for one in worths)
+    best = int(np.argmax(means))
     chosen = best if surely_larger(worths[best], worths[0]) else 0
-    return OwnMaps(offered[chosen], chosen, tuple(float(np.mean(one)) for one in worths))
+    return OwnMaps(offered[chosen], outlines[chosen], chosen, means)
 
 
 def shrunk(maps: Sequence[SoftMap], cameras: Sequence[Camera]) -> list[SoftMap]:
@@ -66,14 +70,16 @@ def shrunk(maps: Sequence[SoftMap], cameras: Sequence[Camera]) -> list[SoftMap]:
 
 def _worths(
     maps: Sequence[SoftMap],
-    cameras: Sequence[Camera],
+    small: Sequence[SoftMap],
+    outlines: Silhouettes | None,
     edges: Sequence[NDArray[np.bool_]],
     trained: Sequence[bool],
 ) -> list[float]:
-    """Return what the witnesses say of each training view's map, 0 to 1."""
-    small = shrunk(maps, cameras)
+    """Return what the witnesses say of each training view's map, 0 to 1.
+
+    ``small`` are the maps at the size of ``outlines``.
+    """
     asked = [k for k, use in enumerate(trained) if use]
-    outlines = silhouettes.predict(cameras, small, trained)
     if outlines is None:
         return [0.0] * len(asked)
     speaking = [k for k in asked if (small[k] >= HALF).any()]

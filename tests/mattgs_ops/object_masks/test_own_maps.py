@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from mattgs_ops.capture.camera import Camera
+from mattgs_ops.object_masks import silhouettes
 from mattgs_ops.object_masks.own_maps import choose
 from tests.mattgs_ops.object_masks.ball import orbit, truth
 
@@ -67,8 +68,11 @@ def test_maps_that_share_no_object_are_worth_nothing(speaking: int) -> None:
     assert (found.chosen, found.worths[0]) == (1, 0.0)
 
 
-def test_a_single_network_is_not_asked() -> None:
+def test_a_single_network_is_its_own_choice() -> None:
     cameras = orbit()
     maps = [truth(camera) for camera in cameras]
-    found = choose([maps], cameras, [], ALL)
-    assert (found.maps, found.chosen, found.worths) == (maps, 0, ())
+    found = choose([maps], cameras, [photo(camera) for camera in cameras], ALL)
+    assert found.maps is maps
+    assert found.chosen == 0
+    assert found.outlines is not None
+    assert found.outlines.agreement == silhouettes.predict(cameras, maps, ALL).agreement

@@ -78,6 +78,9 @@ def _caption(capture: str, scene: Scene, drawn: int, flags: Flags, place: Path) 
     }.get(str(agreement.get("masks", "")), SOURCES.get(source, "are the network's"))
     count = f"{drawn} of {len(scene.views)} photos" if drawn < len(scene.views) else "all photos"
     flagged = "; ".join(f"{name}: {', '.join(some)}" for name, some in flags.items() if some)
+    network = int(agreement.get("network") or 0)
+    if network:
+        whose += f"; network {network} of the model file was heard alone, surely the best"
     return (
         f"{capture_name(capture)}. Outlines of the masks, {count}. Masks {whose}. "
         f"{f'Flags: {flagged}.' if flagged else 'No photo carries a flag.'}"

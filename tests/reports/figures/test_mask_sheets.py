@@ -1,0 +1,48 @@
+"""The sheet of a capture's masks says whose masks they are."""
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from mattgs_ops.capture.scene import Scene, SparsePoints, View
+from reports.figures import mask_sheets
+
+
+def scene(folder: Path, agreement: dict[str, Any]) -> Scene:
+    views = []
+    for name in ("a.jpg", "b.jpg"):
+        pictures = {"photos": np.full((30, 40, 3), 90), "masks": np.eye(30, 40) * 255}
+        for kind, picture in pictures.items():
+            (folder / kind).mkdir(parents=True, exist_ok=True)
+            cv2.imwrite(str(folder / kind / f"{name}.png"), picture.astype(np.uint8))
+        paths = (folder / kind / f"{name}.png" for kind in ("photos", "masks"))
+        views.append(View(name, "train", 40, 30, *paths, None))
+    made = Scene("rover", folder, tuple(views), {"agreement": agreement})
+    none, bytes_, numbers = np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros(0)
+    made.save(SparsePoints(none, bytes_, numbers.astype(np.float32), numbers.astype(np.int32)))
+    return made
+
+
+@pytest.mark.parametrize(
+    ("agreement", "says"),
+    [
+        ({"masks": "votes", "network": 0}, "Masks were voted on by all views."),
+        (
+            {"masks": "maps", "network": 2},
+            "corrected by all views; network 2 of the model file was heard alone, surely the best.",
+        ),
+        ({"none": "the photos' maps share no object"}, "Masks are the network's."),
+    ],
+)
+def test_the_caption_says_whose_masks_they_are(
+    tmp_path: Path, agreement: dict[str, Any], says: str
+) -> None:
+    scene(tmp_path / "scene", agreement)
+    row = {"capture": "rover", "artifacts": {"scene": "scene"}}
+    drawn = mask_sheets.sheet([row], "rover", tmp_path, tmp_path / "out")
+    assert drawn is not None
+    assert says in drawn.caption
+    assert drawn.png.is_file()

@@ -4,6 +4,8 @@ The segmenter is that of ``mattgs_ops/segment/network``, the outline's of ``…/
 """
 
 import hashlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from mattgs_ops.progress import Progress, no_progress
@@ -31,19 +33,14 @@ def train_segmenter(
     The network's side in the file is that of the last leg. An interrupted training goes on from
     ``folder``'s checkpoint, in the same MLflow run. MLflow keeps files below ``out``.
     """
-    key = hashlib.sha256(identity_of(config).encode()).hexdigest()[:KEY_LETTERS]
-    run = TrainingRun(tracking_uri, out / "mlflow-artifacts", key, config.model_dump(mode="json"))
-    try:
+    with _followed(config, identity_of(config), tracking_uri, out) as (run, files):
         report = train(config, folder, on_metrics=run.log, progress=progress)
         model = U2Net(config.variant)
         load_weights(model, report.weights)  # the moving average, not the last step's
         onnx = folder / f"{config.variant}.onnx"
         export(model.eval(), onnx, size=config.stages[-1].size)
-    except BaseException:  # an interruption too: the run must not look as if it still went on
-        run.end("FAILED")
-        raise
-    files = [folder / name for name in ("curve.csv", "training.json")]
-    run.end("FINISHED", [onnx, report.weights, *(path for path in files if path.is_file())])
+        written = (folder / name for name in ("curve.csv", "training.json"))
+        files += [onnx, report.weights, *(path for path in written if path.is_file())]
     return onnx
 
 
@@ -56,13 +53,23 @@ def train_outline(
     progress: Progress = no_progress,
 ) -> Path:
     """Train into ``folder`` and return the outline's ONNX file; else as ``train_segmenter``."""
-    document = config.model_dump(mode="json")
-    key = hashlib.sha256(config.model_dump_json().encode()).hexdigest()[:KEY_LETTERS]
-    run = TrainingRun(tracking_uri, out / "mlflow-artifacts", key, document)
-    try:
+    with _followed(config, config.model_dump_json(), tracking_uri, out) as (run, files):
         onnx = outline.train(config, folder, on_metrics=run.log, progress=progress)
+        files += [onnx, folder / "outline.pth", folder / "curve.csv"]
+    return onnx
+
+
+@contextmanager
+def _followed(
+    config: SegmentTrainConfig | OutlineTrainConfig, identity: str, tracking_uri: str, out: Path
+) -> Iterator[tuple[TrainingRun, list[Path]]]:
+    """Open the MLflow run of a training, and end it with the files that the caller puts down."""
+    key = hashlib.sha256(identity.encode()).hexdigest()[:KEY_LETTERS]
+    run = TrainingRun(tracking_uri, out / "mlflow-artifacts", key, config.model_dump(mode="json"))
+    files: list[Path] = []
+    try:
+        yield run, files
     except BaseException:  # an interruption too: the run must not look as if it still went on
         run.end("FAILED")
         raise
-    run.end("FINISHED", [onnx, folder / "outline.pth", folder / "curve.csv"])
-    return onnx
+    run.end("FINISHED", files)

@@ -56,6 +56,12 @@ def spoil_mask(rng: np.random.Generator, truth: NDArray[np.uint8]) -> Map:
     return map_
 
 
+def outline_of(binary: NDArray[np.uint8]) -> NDArray[np.int32]:
+    """Return pixels (x, y) [K, 2] next to which a mask [H, W] of 0 and 1 begins or ends."""
+    ys, xs = np.nonzero(cv2.morphologyEx(binary, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8)))
+    return np.stack([xs, ys], axis=1).astype(np.int32)
+
+
 def _between(rng: np.random.Generator, bounds: tuple[float, float]) -> float:
     """Draw a number whose logarithm is uniform."""
     return float(np.exp(rng.uniform(np.log(bounds[0]), np.log(bounds[1]))))
@@ -64,11 +70,11 @@ def _between(rng: np.random.Generator, bounds: tuple[float, float]) -> float:
 def _patch(rng: np.random.Generator, binary: NDArray[np.uint8]) -> NDArray[np.bool_]:
     """Return an ellipse [H, W] around a pixel of the outline; nothing where there is none."""
     patch = np.zeros_like(binary)
-    ys, xs = np.nonzero(cv2.morphologyEx(binary, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8)))
-    if len(ys):
-        k = int(rng.integers(len(ys)))
+    places = outline_of(binary)
+    if len(places):
+        x, y = places[int(rng.integers(len(places)))].tolist()
         size = 2 * _between(rng, PATCH), 2 * _between(rng, PATCH)
-        cv2.ellipse(patch, ((float(xs[k]), float(ys[k])), size, float(rng.uniform(0, 180))), 1, -1)
+        cv2.ellipse(patch, ((x, y), size, float(rng.uniform(0, 180))), 1, -1)
     return patch > 0
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mattgs_ops.errors import InputError
 from mattgs_ops.segment.network.augment import spoil
-from mattgs_ops.segment.outline.coarse import spoil_mask
+from mattgs_ops.segment.outline.coarse import outline_of, spoil_mask
 
 Image = NDArray[np.uint8]
 SCALES = (0.55, 1.5)  # of the images: sharp outlines, and those of soft photos
@@ -46,20 +46,13 @@ def load_pairs(folder: Path) -> list[Pair]:
         mask = cv2.imread(str(folder / "masks" / path.name), cv2.IMREAD_GRAYSCALE)
         if image is None or mask is None or image.shape[:2] != mask.shape:
             raise InputError(f"{path}: expected an image, and in masks/ a mask of its size")
-        outline = outline_of(np.asarray(mask, dtype=np.uint8))
+        outline = outline_of((mask > 127).astype(np.uint8))
         if len(outline):
             rgb = np.ascontiguousarray(image[..., ::-1])
             pairs.append(Pair(rgb, np.asarray(mask, dtype=np.uint8), outline))
     if not pairs:
         raise InputError(f"{folder / 'images'}: expected images with an object (.png), found none")
     return pairs
-
-
-def outline_of(mask: Image) -> NDArray[np.int32]:
-    """Return pixels (x, y) [K, 2] next to which a mask begins or ends."""
-    binary = (mask > 127).astype(np.uint8)
-    ys, xs = np.nonzero(cv2.morphologyEx(binary, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8)))
-    return np.stack([xs, ys], axis=1).astype(np.int32)
 
 
 def batch(folders: list[list[Pair]], seed: int, step: int, size: int, count: int) -> Drawn:

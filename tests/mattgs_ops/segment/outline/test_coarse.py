@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mattgs_ops.segment.outline.coarse import spoil_mask
+from mattgs_ops.segment.outline.coarse import outline_of, spoil_mask
 
 SIDE = 96
 
@@ -46,3 +46,10 @@ def test_what_has_no_outline_stays_without_an_object() -> None:
     empty = np.zeros((SIDE, SIDE), np.uint8)
     maps = [spoil_mask(np.random.default_rng(k), empty) for k in range(10)]
     assert max(float((map_ > 0.5).mean()) for map_ in maps) < 0.02
+
+
+def test_the_outline_is_next_to_where_the_mask_ends() -> None:
+    mask = np.zeros((8, 8), np.uint8)
+    mask[:, 4:] = 1
+    assert set(outline_of(mask)[:, 0]) == {3, 4}
+    assert len(outline_of(np.zeros((8, 8), np.uint8))) == 0

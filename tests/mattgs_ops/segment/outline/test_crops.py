@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from mattgs_ops.errors import InputError
-from mattgs_ops.segment.outline.crops import batch, cut, load_pairs, outline_of
+from mattgs_ops.segment.outline.crops import batch, cut, load_pairs
 
 SIZE = 32
 
@@ -25,13 +25,6 @@ def folder_of(path: Path, colours: list[int]) -> Path:
             str(path / "images" / f"{k}.png"), np.repeat(mask[..., None] // 255 * grey, 3, 2)
         )
     return path
-
-
-def test_the_outline_is_next_to_where_the_mask_ends() -> None:
-    mask = np.zeros((8, 8), np.uint8)
-    mask[:, 4:] = 255
-    assert set(outline_of(mask)[:, 0]) == {3, 4}
-    assert len(outline_of(np.zeros((8, 8), np.uint8))) == 0
 
 
 def test_a_crop_shows_photo_and_mask_of_the_same_place(tmp_path: Path) -> None:

@@ -80,7 +80,7 @@ def _caption(capture: str, scene: Scene, drawn: int, flags: Flags, place: Path) 
     flagged = "; ".join(f"{name}: {', '.join(some)}" for name, some in flags.items() if some)
     network = int(agreement.get("network") or 0)
     if network:
-        whose += f"; network {network} of the model file was heard alone, surely the best"
+        whose += f"; network {network} of the model file was heard, surely better than their mean"
     return (
         f"{capture_name(capture)}. Outlines of the masks, {count}. Masks {whose}. "
         f"{f'Flags: {flagged}.' if flagged else 'No photo carries a flag.'}"

@@ -32,7 +32,7 @@ def scene(folder: Path, agreement: dict[str, Any]) -> Scene:
         ({"masks": "votes", "network": 0}, "Masks were voted on by all views."),
         (
             {"masks": "maps", "network": 2},
-            "corrected by all views; network 2 of the model file was heard alone, surely the best.",
+            "all views; network 2 of the model file was heard, surely better than their mean.",
         ),
         ({"none": "the photos' maps share no object"}, "Masks are the network's."),
     ],

@@ -136,7 +136,7 @@ def map_folders(soft: Path) -> list[Path]:
 
     ``soft`` has the mean of what the networks say, the others what each says by itself.
     """
-    numbered = [folder for folder in soft.iterdir() if folder.is_dir() and folder.name.isdecimal()]
+    numbered = [folder for folder in soft.iterdir() if folder.name.isdecimal() and folder.is_dir()]
     return [soft, *sorted(numbered, key=lambda folder: int(folder.name))]
 
 

@@ -36,6 +36,7 @@ from mattgs_ops.object_masks.photo_evidence.edges import surely_larger
 from mattgs_ops.object_masks.photo_evidence.plain_ground import PlainGround, correct_by_ground
 from mattgs_ops.object_masks.splats import votes as splat_votes
 from mattgs_ops.object_masks.splats.ground_plane import Plane
+from mattgs_ops.object_masks.splats.labels import shrunk
 from mattgs_ops.object_masks.splats.surfaces import train_surfaces
 from mattgs_ops.parallel import over_views
 from mattgs_ops.progress import Progress, no_progress
@@ -77,7 +78,7 @@ def agree(
     own, outlines = networks.maps, networks.outlines
     if plain.used:
         own = by_ground
-        outlines = silhouettes.predict(cameras, own_maps.shrunk(own, cameras), trained)
+        outlines = silhouettes.predict(cameras, list(map(shrunk, own, cameras)), trained)
     if outlines is None:
         return keep(scene, out, "the photos' maps share no object")
     splats = train_surfaces(
@@ -240,8 +241,7 @@ def _offered(
 
 def _map(path: Path, camera: Camera) -> SoftMap:
     """Read a map [H, W] in [0, 1] at a camera's size."""
-    (small,) = own_maps.shrunk([(read_map(path) / np.float32(255)).astype(np.float32)], [camera])
-    return small
+    return shrunk((read_map(path) / np.float32(255)).astype(np.float32), camera)
 
 
 def _single_networks(folder: str, names: list[str]) -> list[str]:

@@ -11,7 +11,6 @@ say is multiplied, as in ``decision``.
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,6 +19,7 @@ from mattgs_ops.capture.masks import HALF, SoftMap
 from mattgs_ops.object_masks import silhouettes
 from mattgs_ops.object_masks.photo_evidence.edges import edges_near, share_on_edges, surely_larger
 from mattgs_ops.object_masks.silhouettes import Silhouettes
+from mattgs_ops.object_masks.splats.labels import shrunk
 
 
 @dataclass(frozen=True)
@@ -50,22 +50,13 @@ def choose(
     views that are ``trained`` on are asked. A map without an object is worth nothing.
     """
     edges = [edges_near(photo) for photo in photos]
-    small = [shrunk(maps, cameras) for maps in offered]
+    small = [list(map(shrunk, maps, cameras)) for maps in offered]
     outlines = [silhouettes.predict(cameras, maps, trained) for maps in small]
     worths = [_worths(*one, edges, trained) for one in zip(offered, small, outlines, strict=True)]
     means = tuple(float(np.mean(one)) for one in worths)
     best = int(np.argmax(means))
     chosen = best if surely_larger(worths[best], worths[0]) else 0
     return OwnMaps(offered[chosen], outlines[chosen], chosen, means)
-
-
-def shrunk(maps: Sequence[SoftMap], cameras: Sequence[Camera]) -> list[SoftMap]:
-    """Shrink maps [H, W] to the cameras' sizes by an area filter."""
-    sizes = [(camera.intrinsics.width, camera.intrinsics.height) for camera in cameras]
-    return [
-        np.asarray(cv2.resize(soft, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
-        for soft, size in zip(maps, sizes, strict=True)
-    ]
 
 
 def _worths(

@@ -81,6 +81,11 @@ def write_views(
     conversions = {number: pinhole_conversion(camera) for number, camera in model.cameras.items()}
     by_name = {image.name: image for image in model.images.values()}
     sizes = {(p.pinhole.width, p.pinhole.height): p for p in reversed(list(conversions.values()))}
+    maps = (
+        {}
+        if soft is None
+        else {one: out / "soft" / one.relative_to(soft) for one in map_folders(soft)}
+    )
     used: dict[str, PinholeConversion | None] = {}
     for view in capture.views:
         image = by_name.get(view.photo.name)
@@ -93,16 +98,19 @@ def write_views(
         if conversion is not None and image is not None:
             camera = Camera(conversion.pinhole, image.rotation, image.translation)
         resample = None if conversion is None else conversion.resample
-        return replace(_write_view(view, masks, resample, out, soft), camera=camera)
+        return replace(_write_view(view, masks, resample, out, maps), camera=camera)
 
     views = tuple(over_views(write, capture.views, threads=threads))
     return views, _pinholes(model, conversions), used
 
 
 def _write_view(
-    view: View, masks: Path, lens: Undistortion | None, out: Path, soft: Path | None
+    view: View, masks: Path, lens: Undistortion | None, out: Path, maps: Mapping[Path, Path]
 ) -> View:
-    """Write one view's files as the pinhole sees them, unchanged where there is no lens."""
+    """Write one view's files as the pinhole sees them, unchanged where there is no lens.
+
+    ``maps`` says for each folder of saliency maps where it is written.
+    """
     name = f"{view.name}.png"
     photo, mask = out / "photos" / view.photo.name, out / "masks" / name
     soft_by = ids_by = coverage_by = None
@@ -113,9 +121,8 @@ def _write_view(
         soft_by, ids_by, coverage_by = _soft(lens), lens.ids, lens.coverage
         _write(photo, lens.photo(read_rgb(view.photo))[..., ::-1])  # OpenCV writes BGR
         _write(mask, lens.mask(read_mask(masks, view)))
-    if soft is not None:
-        for folder in map_folders(soft):
-            _write_map(folder / name, soft_by, out / "soft" / folder.relative_to(soft) / name)
+    for read, written in maps.items():
+        _write_map(read / name, soft_by, written / name)
     ids, coverage = view.ids, view.coverage
     if ids is not None:
         ids = _write_map(ids, ids_by, out / "ids" / name)

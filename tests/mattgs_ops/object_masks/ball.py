@@ -30,3 +30,11 @@ def truth(camera: Camera) -> np.ndarray:
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
     middle = camera.rotation @ CENTRE + camera.translation
     return (np.linalg.norm(np.cross(rays, middle), axis=-1) < RADIUS).astype(np.float32)
+
+
+def leaking(maps: list[np.ndarray]) -> list[np.ndarray]:
+    """Return copies of maps [H, W] that leak beside the ball, elsewhere in every view."""
+    leaked = [soft.copy() for soft in maps]
+    for index, soft in enumerate(leaked):
+        soft[8 + index : 40 + index, slice(0, 30) if index % 2 else slice(-30, None)] = 1
+    return leaked

@@ -20,7 +20,7 @@ from mattgs_ops.segment.mask_report import MaskReport, ViewReport
 from mattgs_ops.splat.gaussians import Splats
 from mattgs_ops.splat.rasterize import render
 from mattgs_ops.splat.training.initialise import SH_C0
-from tests.mattgs_ops.object_masks.ball import HEIGHT, WIDTH, orbit
+from tests.mattgs_ops.object_masks.ball import HEIGHT, WIDTH, leaking, orbit
 from tests.mattgs_ops.object_masks.splats.test_votes import BALL, made_of, scene_of_splats
 
 
@@ -162,11 +162,9 @@ def test_a_network_that_is_surely_better_than_the_mean_makes_the_masks(
         np.rint(photo.clip(0, 1) * 255).astype(np.uint8) for photo in painted(colours, splats)
     ]
     right = [shown[..., 0].clip(0, 1) for shown in painted(ball[:, None].repeat(3, 1), splats)]
-    leaking = [soft.copy() for soft in right]
-    for index, soft in enumerate(leaking):
-        soft[8 + index : 40 + index, slice(0, 30) if index % 2 else slice(-30, None)] = 1
-    scene, capture = solved(tmp_path / "in", "u2net", leaking, photos)
-    for folder, maps in (("1", leaking), ("2", right)):
+    wrong = leaking(right)
+    scene, capture = solved(tmp_path / "in", "u2net", wrong, photos)
+    for folder, maps in (("1", wrong), ("2", right)):
         (scene.folder / "soft" / folder).mkdir()
         for view, soft in zip(scene.views, maps, strict=True):
             path = scene.folder / "soft" / folder / mask_name(view.name)

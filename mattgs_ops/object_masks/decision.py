@@ -31,20 +31,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from mattgs_ops.capture.masks import HALF, SoftMap
-from mattgs_ops.object_masks.photo_evidence.colours import GOOD
-from mattgs_ops.object_masks.photo_evidence.edges import edges_near, surely_larger
-from mattgs_ops.object_masks.silhouettes import (
-    CONTRADICT,
-    Silhouettes,
+from mattgs_ops.object_masks.corrected_maps import (
     averaged,
     corrected,
-    overlaps,
+    corrected_by_all,
+    resized,
+    unless,
 )
+from mattgs_ops.object_masks.photo_evidence.colours import GOOD
+from mattgs_ops.object_masks.photo_evidence.edges import edges_near, surely_larger
+from mattgs_ops.object_masks.silhouettes import CONTRADICT, Silhouettes, overlaps
 from mattgs_ops.object_masks.splats.votes import CERTAIN, Votes
 from mattgs_ops.object_masks.witnesses import UNCONFIRMED, Bits, Witnessed, judge_parts
 
@@ -121,7 +121,7 @@ def decide(
     """
     deciding = [index for index in range(len(names)) if trained is None or trained[index]]
     edges = [edges_near(photo) for photo in photos]
-    others = _resized(silhouettes.predicted, own)
+    others = resized(silhouettes.predicted, own)
     by_outline = overlaps(own, others)
     maps = Witnessed.of(own, own, edges)
     confirmed = {"maps": maps.confirmed(deciding)}
@@ -142,13 +142,15 @@ def decide(
     seen = maps.on_edges, voted.on_edges, by_outline, certain.met, strange
     denied = [_denied(*view) for view in zip(*seen, strict=True)]
     sources: list[Source] = ["maps" if objection or one else "votes" for one in denied]
-    votes_right = voted.meets(speaking) * voted.confirmed(deciding)
-    both = averaged(own, voted.maps, silhouettes.mean * confirmed["maps"], votes_right)
-    along = own if not objection else _unless(denied, both, own)
-    mixed = _corrected_maps(own, others, votes, silhouettes.mean, along, alone=plain_ground)
+    along = own
+    if objection:
+        own_right = silhouettes.mean * confirmed["maps"]
+        votes_right = voted.meets(speaking) * voted.confirmed(deciding)
+        along = unless(denied, averaged(own, voted.maps, own_right, votes_right), own)
+    mixed = corrected_by_all(own, others, votes, silhouettes.mean, along, alone=plain_ground)
     kept = bool(objection) and _leads_away(mixed, maps, edges, speaking)
     if kept:
-        mixed = _unless([not (one >= HALF).any() for one in own], own, mixed)
+        mixed = unless([not (one >= HALF).any() for one in own], own, mixed)
     found = Decision(
         masks="maps" if objection else "votes",
         reason=objection or "votes meet maps and edges at least as well as silhouettes and maps do",
@@ -198,26 +200,6 @@ def _votes_agreement(votes: Votes, voted: Witnessed, speaking: Sequence[int]) ->
     return float(np.mean(votes.agreement))
 
 
-def _corrected_maps(
-    own: Sequence[SoftMap],
-    others: Sequence[SoftMap],
-    votes: Votes,
-    agreement: float,
-    along: Sequence[SoftMap],
-    *,
-    alone: bool,
-) -> list[SoftMap]:
-    """Return own maps corrected by silhouettes and votes, and by ``along`` near their outlines.
-
-    ``alone``: by nothing else, as on plain ground, where there is nothing that maps could take
-    along and silhouettes could deny. Maps that show nothing are lent what the others say.
-    """
-    splats_agreement = float(np.mean(votes.soft_agreement))
-    predicted = _resized(votes.predicted, own)
-    heard = corrected(own, others, predicted, agreement, splats_agreement, along)
-    return _unless([not alone or not (mine >= HALF).any() for mine in own], along, heard)
-
-
 def _leads_away(
     mixed: Sequence[SoftMap], own: Witnessed, edges: Sequence[Bits], speaking: Sequence[int]
 ) -> bool:
@@ -260,13 +242,6 @@ def _denied(
     return strange or (unconfirmed and by_votes < by_outline)
 
 
-def _unless(
-    refused: Sequence[bool], maps: Sequence[SoftMap], others: Sequence[SoftMap]
-) -> list[SoftMap]:
-    """Return each view's map, or the other one where it is refused."""
-    return [b if no else a for no, a, b in zip(refused, maps, others, strict=True)]
-
-
 def _objection(silhouettes: float, votes: float, confirmed: dict[str, float]) -> str:
     """Say why votes are not used; empty where they are."""
     if votes * confirmed["votes"] >= silhouettes * confirmed["maps"]:
@@ -289,11 +264,3 @@ def _objection_of_edges(votes: float, maps: float) -> str:
     return f"on plain ground the photos' edges confirm the outlines of the maps to {maps:.3f}, " + (
         f"those of the votes to {votes:.3f}" if maps < GOOD else "which leaves nothing to mend"
     )
-
-
-def _resized(maps: Sequence[SoftMap], like: Sequence[SoftMap]) -> list[SoftMap]:
-    """Return each map [H, W] at the size of another."""
-    return [
-        np.asarray(cv2.resize(soft, one.shape[::-1], interpolation=cv2.INTER_LINEAR), np.float32)
-        for soft, one in zip(maps, like, strict=True)
-    ]

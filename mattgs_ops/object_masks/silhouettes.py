@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mattgs_ops.capture.camera import Camera
-from mattgs_ops.capture.masks import HALF, SoftMap, disc
+from mattgs_ops.capture.masks import HALF, SoftMap
 
 SIDE = 128  # pixels of the longest side at which silhouettes are compared: maps are coarse
 GRID = 80  # points along each axis of the cube around the object
@@ -27,9 +27,6 @@ FEWEST_SHARE = 0.5  # of the other views must see a point for it to count
 SHARES = (1.0, 0.9, 0.75, 0.5)  # from none of the maps wrong to half of them
 CONTRADICT = 0.5  # IoU below which two masks differ in more than they share
 FEWEST_SPEAKING = 2
-NO_COUNTS = 2.0  # times a yes, of silhouettes
-COARSE = 2 / SIDE  # of the longest side: two pixels of those that silhouettes are compared at
-BEST = 0.99  # agreement above it counts as this much: weights stay finite
 NEAREST = 0.1  # of the points are nearer to the camera than those whose gaps are closed
 MOST_GAP = 8  # pixels; a camera that is closer sees nothing else
 LARGEST_CONDITION = 1e6  # of the rays' equations: beyond it all views look the same way
@@ -113,56 +110,6 @@ def around_half(share: SoftMap, wanted: float) -> SoftMap:
     above = np.ones_like(share) if wanted >= 1 else 0.5 + 0.5 * (share - wanted) / (1 - wanted)
     stretched: SoftMap = np.where(share < wanted, share / (2 * wanted), above).astype(np.float32)
     return stretched
-
-
-def corrected(
-    own: Sequence[SoftMap],
-    others: Sequence[SoftMap],
-    voted: Sequence[SoftMap],
-    silhouettes: float,
-    votes: float,
-    along: Sequence[SoftMap],
-) -> list[SoftMap]:
-    """Average own map, silhouettes and votes, weighted by the odds that each is right.
-
-    Pixels outside the other views' silhouettes cannot be object if those are right; pixels inside
-    may be free space between them. So silhouettes count twice where they say no. Along the map's
-    own outline they are less exact than what ``along`` [H, W] says, which counts there.
-    """
-    outlines, splats = _odds(silhouettes), _odds(votes)
-    itself = max(outlines, splats)  # a map weighs as much as the better of the two
-    fused = []
-    for mine, other, answer, exact in zip(own, others, voted, along, strict=True):
-        weight = outlines * np.where(other < HALF, NO_COUNTS, 1.0)
-        mean = (itself * mine + weight * other + splats * answer) / (itself + weight + splats)
-        # where the mean takes a whole part away, the part's outline goes with it
-        near = _near_outline(mine >= HALF) & _near_outline(mean >= HALF, 2 * COARSE)
-        fused.append(np.where(near, exact, mean).astype(np.float32))
-    return fused
-
-
-def averaged(
-    own: Sequence[SoftMap], voted: Sequence[SoftMap], own_right: float, votes_right: float
-) -> list[SoftMap]:
-    """Average own map and votes by the odds that each is right; own maps weigh no less."""
-    splats = _odds(votes_right)
-    itself = max(_odds(own_right), splats)
-    share = np.float32(splats / (itself + splats))
-    return [mine + share * (answer - mine) for mine, answer in zip(own, voted, strict=True)]
-
-
-def _near_outline(mask: NDArray[np.bool_], share: float = COARSE) -> NDArray[np.bool_]:
-    """Return the pixels [H, W] closer to a mask's outline than a share of the longest side."""
-    reach = max(1, round(share * max(mask.shape)))
-    around, binary = disc(reach), mask.astype(np.uint8)
-    grown, shrunk = cv2.dilate(binary, around), cv2.erode(binary, around, borderValue=1)
-    near: NDArray[np.bool_] = (grown > 0) & (shrunk == 0)
-    return near
-
-
-def _odds(agreement: float) -> float:
-    share = min(agreement, BEST)
-    return share / (1 - share)
 
 
 def _fitted(

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from mattgs_ops.capture.masks import SoftMap
+from mattgs_ops.object_masks.corrected_maps import averaged
 from mattgs_ops.object_masks.decision import Decision, decide, half_meet_best
-from mattgs_ops.object_masks.silhouettes import Silhouettes, averaged, iou, predict
+from mattgs_ops.object_masks.silhouettes import Silhouettes, iou, predict
 from mattgs_ops.object_masks.splats.labels import Place
 from mattgs_ops.object_masks.splats.votes import LEVELS, Votes
 from mattgs_ops.object_masks.witnesses import MOST_ATTACHED, UNCONFIRMED

@@ -131,7 +131,7 @@ def decide(
     certain = Witnessed.of(votes.certain, own, edges)
     whole = Witnessed.of(votes.with_parts, own, edges)
     confirmed |= {"votes": certain.confirmed(deciding), "attached": whole.confirmed(deciding)}
-    parts = judge_parts(photos, certain, whole, deciding)
+    parts = judge_parts(photos, certain, whole, deciding, plain_ground=plain_ground)
     voted = whole if parts.join else certain
     speaking = [k for k in deciding if (own[k] >= HALF).any()]
     agreement = _votes_agreement(votes, voted, speaking)

@@ -73,18 +73,23 @@ def judge_parts(
     certain: Witnessed,
     whole: Witnessed,
     views: Sequence[int],
+    *,
+    plain_ground: bool = False,
 ) -> Parts:
     """Decide by ``views`` whether the votes' object, ``certain``, becomes ``whole``.
 
     Few parts join where the photos confirm their outlines about as well as those of the votes, and
     not both witnesses are against them. Many join where their outlines are confirmed as well and
-    they have the object's colours.
+    they have the object's colours; on ``plain_ground`` they are the ground, on which splats touch
+    each other, and do not.
     """
     added = max(0.0, whole.area(views) / max(certain.area(views), 1e-9) - 1)
     confirmed, before = whole.confirmed(views), certain.confirmed(views)
     if added <= MOST_ATTACHED:
         near = confirmed >= before - UNCONFIRMED
         return Parts(added, near and not _denied_by_both(certain, whole, views), None)
+    if plain_ground:
+        return Parts(added, join=False, alike=None)
     alike = [
         share_alike(photos[k], thing := certain.maps[k] >= HALF, both & ~thing, ~both)
         for k in views

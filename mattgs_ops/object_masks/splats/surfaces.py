@@ -1,8 +1,14 @@
 """Splats of a whole scene after a short training, in memory: nothing is written, nothing timed.
 
 Votes need surfaces and no experiment: 3DGS on the photos as they are, one colour a splat, at the
-learning rates that short trainings are tuned to.
+learning rates that short trainings are tuned to. Splats that stay faint are haze, with which even
+ground and shade are filled: in front of an object it hides a part of it from one view and not from
+the next. It is left out.
 """
+
+from dataclasses import replace
+
+import torch
 
 from mattgs_ops.capture.scene import Scene
 from mattgs_ops.config import Condition, TrainConfig
@@ -18,6 +24,7 @@ FAST = MethodConfig(rates=TUNED.rates)
 # Surfaces need no gloss: on the bundled captures masks are as good (IoU +0.000, +0.001, +0.004)
 # and training takes 13 % less, `python benchmarks/segment.py`
 WITHOUT_GLOSS = TrainConfig(sh_degree=0)
+HAZE = 0.2  # opacity up to which a splat is no surface; docs/segmentation.md, the bounds
 
 
 def train_surfaces(
@@ -29,10 +36,16 @@ def train_surfaces(
     threads: int = 1,
     progress: Progress = no_progress,
 ) -> Splats:
-    """Train on all registered training photos and return the splats.
+    """Train on all registered training photos and return the splats that are surfaces.
 
     ``resolution`` is the longest side in pixels. Same seed, same splats, whatever the number of
     threads. Raises what reading photos and a step of training raise.
     """
     experiment = Experiment(scene, PLAIN, FAST, WITHOUT_GLOSS, iterations, resolution, seed)
-    return train_in_memory(experiment, threads=threads, progress=progress)
+    return without_haze(train_in_memory(experiment, threads=threads, progress=progress))
+
+
+def without_haze(splats: Splats) -> Splats:
+    """Return the splats of an opacity above :data:`HAZE`."""
+    opaque = torch.sigmoid(splats.opacity_logits) > HAZE
+    return replace(splats, **{name: tensor[opaque] for name, tensor in splats.items()})

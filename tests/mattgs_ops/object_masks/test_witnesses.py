@@ -61,6 +61,8 @@ def test_parts_larger_than_half_of_the_thing_join_where_they_have_its_colours(al
     assert found.added == pytest.approx(1.0)
     assert found.alike == (1.0 if alike else 0.0)
     assert found.join is alike
+    on_cloth = judge_parts(photos, certain, both, range(VIEWS), plain_ground=True)
+    assert (on_cloth.added, on_cloth.join, on_cloth.alike) == (found.added, False, None)
 
 
 def test_views_that_do_not_decide_change_nothing() -> None:

@@ -15,8 +15,8 @@ and their own map and photo, and change nothing else. The scene's
 """
 
 import shutil
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -30,12 +30,9 @@ from mattgs_ops.capture.photos import read_rgb
 from mattgs_ops.capture.scene import PreparedCapture, Scene, View
 from mattgs_ops.object_masks import own_maps, silhouettes
 from mattgs_ops.object_masks.agreed_masks import keep, write
-from mattgs_ops.object_masks.decision import Decision, ViewEvidence, decide, half_meet_best
+from mattgs_ops.object_masks.ask_views import Ask, Judged
 from mattgs_ops.object_masks.photo_evidence.colours import ColourEvidence, cut_by_colours
-from mattgs_ops.object_masks.photo_evidence.edges import surely_larger
 from mattgs_ops.object_masks.photo_evidence.plain_ground import PlainGround, correct_by_ground
-from mattgs_ops.object_masks.splats import votes as splat_votes
-from mattgs_ops.object_masks.splats.ground_plane import Plane
 from mattgs_ops.object_masks.splats.labels import shrunk
 from mattgs_ops.object_masks.splats.surfaces import train_surfaces
 from mattgs_ops.parallel import over_views
@@ -84,34 +81,19 @@ def agree(
     splats = train_surfaces(
         scene, iterations=ITERATIONS, resolution=RESOLUTION, threads=threads, progress=progress
     )
-    voting = [camera_at(view, VOTING) for view in views]
-    names = [view.name for view in views]
-    points = scene.points().xyz.astype(np.float64)
-    ballot = splat_votes.collect(splats, voting, own, points, trained=trained, threads=threads)
-
-    def judged(*, cut_ground: bool = True, half_needed: bool = False) -> _Judged:
-        votes = ground = None
-        if ballot is not None:
-            ground = ballot.place.ground
-            votes = splat_votes.masks_of(
-                ballot, shown, cut_ground=cut_ground, half_needed=half_needed, threads=threads
-            )
-        decision, agreed = decide(
-            names, photos, own, outlines, votes, trained, plain_ground=plain.used
-        )
-        return _Judged(decision, agreed, ground, cut_ground and ground is not None, half_needed)
-
-    found = judged()
-    if found.maps_invent:
-        strict = judged(half_needed=True)
-        passes = strict.believed and not found.believed
-        found = strict if passes or _better(strict, found, trained, _meets_both) else found
-    if found.cut_in_doubt:
-        without = judged(cut_ground=False, half_needed=found.half_needed)
-        if without.believed:
-            found = without if _cut_is_denied(found, without, trained) else found
-        elif not found.believed:  # they only correct maps, by what is the better guess
-            found = max(found, without, key=lambda one: np.mean(_worths(one, trained, _meets_both)))
+    ask = Ask(
+        names=[view.name for view in views],
+        photos=photos,
+        own=own,
+        outlines=outlines,
+        trained=trained,
+        plain_ground=plain.used,
+        voting=[camera_at(view, VOTING) for view in views],
+        shown=shown,
+        points=scene.points().xyz.astype(np.float64),
+        threads=threads,
+    )
+    found = ask.best(splats)
     colours, soft = cut_by_colours(photos, own, found.maps, trained, threads=threads)
     agreed = {view.name: one for view, one in zip(found.decision.views, soft, strict=True)}
     record = _decision_record(found, colours, plain, networks)
@@ -120,81 +102,8 @@ def agree(
     )
 
 
-@dataclass(frozen=True)
-class _Judged:
-    """A decision with the maps that follow, one a view, and how the votes were asked for."""
-
-    decision: Decision
-    maps: list[SoftMap]
-    ground: Plane | None
-    ground_cut: bool
-    half_needed: bool
-
-    @property
-    def believed(self) -> bool:
-        """Whether votes make the masks."""
-        return self.decision.masks == "votes"
-
-    @property
-    def maps_invent(self) -> bool:
-        """Whether maps may invent as much as they miss (``decision.half_meet_best``)."""
-        level = self.decision.level
-        return level is not None and half_meet_best(level)
-
-    @property
-    def cut_in_doubt(self) -> bool:
-        """Whether outlines that the cut leaves lie beside the photos' edges more than the maps' do.
-
-        An even plate under the object is as low as the ground, and splats lie at any height in it.
-        """
-        confirmed = self.decision.confirmed
-        kept = "attached" if self.decision.attached_kept else "votes"
-        return self.ground_cut and confirmed[kept] < confirmed["maps"]
-
-
-def _cut_is_denied(cut: _Judged, uncut: _Judged, trained: Sequence[bool]) -> bool:
-    """Whether votes without the ground's cut are surely better by edges, or by both witnesses.
-
-    Maps alone do not tell: they take along a sheet that the object stands on.
-    """
-    if _better(uncut, cut, trained, _on_edges):
-        return True
-    by_edges = [float(np.mean(_worths(one, trained, _on_edges))) for one in (uncut, cut)]
-    return by_edges[0] >= by_edges[1] and _better(uncut, cut, trained, _meets)
-
-
-def _better(
-    first: _Judged,
-    second: _Judged,
-    trained: Sequence[bool],
-    worth: Callable[[ViewEvidence], float],
-) -> bool:
-    """Whether the first votes are surely worth more than the second ones, view by view."""
-    first_worths, second_worths = (_worths(one, trained, worth) for one in (first, second))
-    return surely_larger(first_worths, second_worths)
-
-
-def _worths(
-    judged: _Judged, trained: Sequence[bool], worth: Callable[[ViewEvidence], float]
-) -> list[float]:
-    return [worth(view) for view, use in zip(judged.decision.views, trained, strict=True) if use]
-
-
-def _on_edges(view: ViewEvidence) -> float:
-    return view.confirmed or 0.0
-
-
-def _meets(view: ViewEvidence) -> float:
-    return view.with_parts or 0.0
-
-
-def _meets_both(view: ViewEvidence) -> float:
-    """Return how well votes meet the photo's map and its edges together."""
-    return _meets(view) * _on_edges(view)
-
-
 def _decision_record(
-    found: _Judged,
+    found: Judged,
     colours: ColourEvidence | None,
     plain: PlainGround,
     networks: own_maps.OwnMaps,
@@ -206,6 +115,7 @@ def _decision_record(
         "ground_share": share,
         "ground_cut": found.ground_cut,
         "half_needed": found.half_needed,
+        "haze_votes": found.haze_votes,
         "colours": asked,
         "plain_ground": asdict(plain),
         "network": networks.chosen,

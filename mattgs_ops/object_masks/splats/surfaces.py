@@ -1,9 +1,9 @@
 """Splats of a whole scene after a short training, in memory: nothing is written, nothing timed.
 
 Votes need surfaces and no experiment: 3DGS on the photos as they are, one colour a splat, at the
-learning rates that short trainings are tuned to. Splats that stay faint are haze, with which even
-ground and shade are filled: in front of an object it hides a part of it from one view and not from
-the next. It is left out.
+learning rates that short trainings are tuned to. Splats that stay faint (``without_haze``) are
+mostly haze, with which even ground and shade are filled: in front of an object it hides a part of
+it from one view and not from the next.
 """
 
 from dataclasses import replace
@@ -36,13 +36,13 @@ def train_surfaces(
     threads: int = 1,
     progress: Progress = no_progress,
 ) -> Splats:
-    """Train on all registered training photos and return the splats that are surfaces.
+    """Train on all registered training photos and return the splats.
 
     ``resolution`` is the longest side in pixels. Same seed, same splats, whatever the number of
     threads. Raises what reading photos and a step of training raise.
     """
     experiment = Experiment(scene, PLAIN, FAST, WITHOUT_GLOSS, iterations, resolution, seed)
-    return without_haze(train_in_memory(experiment, threads=threads, progress=progress))
+    return train_in_memory(experiment, threads=threads, progress=progress)
 
 
 def without_haze(splats: Splats) -> Splats:

@@ -1,0 +1,76 @@
+"""Votes are asked for without haze, unless what is faint is a part of the object."""
+
+import numpy as np
+import torch
+
+from mattgs_ops.object_masks.ask_views import Ask, Judged
+from mattgs_ops.object_masks.silhouettes import predict
+from mattgs_ops.splat.gaussians import Splats
+from mattgs_ops.splat.rasterize import render
+from mattgs_ops.splat.training.initialise import SH_C0
+from tests.mattgs_ops.object_masks.ball import CENTRE, VIEWS, orbit, truth
+from tests.mattgs_ops.object_masks.splats.test_votes import BALL, scene_of_splats
+
+FAINT = 0.15  # opacity
+BLACK = (0.0, 0.0, 0.0)
+
+
+def joined(*sets: Splats) -> Splats:
+    fields = [dict(one.items()) for one in sets]
+    return Splats(**{name: torch.cat([one[name] for one in fields]) for name in fields[0]})
+
+
+def chosen(splats: Splats, which: np.ndarray) -> Splats:
+    index = torch.from_numpy(np.flatnonzero(which))
+    return Splats(**{name: tensor[index].clone() for name, tensor in splats.items()})
+
+
+def faint(splats: Splats) -> Splats:
+    splats.opacity_logits[:] = float(np.log(FAINT / (1 - FAINT)))
+    return splats
+
+
+def asked() -> Ask:
+    """Ask ten views of a red ball on a speckled desk, whose maps are right."""
+    splats, cameras = scene_of_splats(), orbit()
+    colours = np.random.default_rng(0).uniform(0.0, 0.9, (len(splats), 3))
+    colours[:BALL] = [0.8, 0.1, 0.1]
+    splats.sh_dc = torch.from_numpy(((colours - 0.5) / SH_C0).astype(np.float32))
+    shown = [render(splats, camera, BLACK, sh_degree=0).image.clamp(0, 1) for camera in cameras]
+    photos = [np.rint(one.numpy() * 255).astype(np.uint8) for one in shown]
+    truths = [truth(camera) for camera in cameras]
+    outlines = predict(cameras, truths)
+    assert outlines is not None
+    names = [f"{k}.jpg" for k in range(VIEWS)]
+    none = np.zeros((0, 3))
+    rest = [True] * VIEWS, False, cameras, cameras, none, 1
+    return Ask(names, photos, truths, outlines, *rest)
+
+
+def met(found: Judged) -> float:
+    """Return the votes' mean IoU with the maps; a pixel around the ball is a fifth of it."""
+    return float(np.mean([view.with_parts or 0.0 for view in found.decision.views]))
+
+
+def test_haze_before_the_object_neither_votes_nor_hides_it() -> None:
+    ask = asked()
+    splats = scene_of_splats()
+    veil = faint(chosen(splats, np.arange(len(splats)) >= BALL))
+    away = np.random.default_rng(1).normal((0.95, 0.0, 0.1), 0.35, (len(veil), 3))
+    veil.means[:] = torch.from_numpy((CENTRE + away).astype(np.float32))
+    veil.log_scales[:] = float(np.log(0.2))
+    found = ask.best(joined(splats, veil))
+    assert not found.haze_votes
+    assert met(found) > 0.8  # with haze 0.44
+
+
+def test_faint_splats_that_are_the_object_are_asked() -> None:
+    """A short training leaves an even, dark part to many faint splats, one behind the other."""
+    ask = asked()
+    splats = scene_of_splats()
+    means = splats.means.numpy()
+    cap = (np.arange(len(splats)) < BALL) & (means[:, 2] > 0.75)
+    layers = [faint(chosen(splats, cap)) for _ in range(12)]
+    found = ask.best(joined(chosen(splats, ~cap), *layers))
+    assert found.haze_votes
+    assert met(found) > 0.8  # without them 0.77

@@ -30,9 +30,9 @@ from mattgs_ops.capture.photos import read_rgb
 from mattgs_ops.capture.scene import PreparedCapture, Scene, View
 from mattgs_ops.object_masks import own_maps, silhouettes
 from mattgs_ops.object_masks.agreed_masks import keep, write
-from mattgs_ops.object_masks.ask_views import Ask, Judged
 from mattgs_ops.object_masks.photo_evidence.colours import ColourEvidence, cut_by_colours
 from mattgs_ops.object_masks.photo_evidence.plain_ground import PlainGround, correct_by_ground
+from mattgs_ops.object_masks.poll import Judged, Poll
 from mattgs_ops.object_masks.splats.labels import shrunk
 from mattgs_ops.object_masks.splats.surfaces import train_surfaces
 from mattgs_ops.parallel import over_views
@@ -81,7 +81,7 @@ def agree(
     splats = train_surfaces(
         scene, iterations=ITERATIONS, resolution=RESOLUTION, threads=threads, progress=progress
     )
-    ask = Ask(
+    poll = Poll(
         names=[view.name for view in views],
         photos=photos,
         own=own,
@@ -93,7 +93,7 @@ def agree(
         points=scene.points().xyz.astype(np.float64),
         threads=threads,
     )
-    found = ask.best(splats)
+    found = poll.best(splats)
     colours, soft = cut_by_colours(photos, own, found.maps, trained, threads=threads)
     agreed = {view.name: one for view, one in zip(found.decision.views, soft, strict=True)}
     record = _decision_record(found, colours, plain, networks)

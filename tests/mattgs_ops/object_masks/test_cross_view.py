@@ -12,7 +12,7 @@ from mattgs_ops.capture.formats.colmap_model import write_model
 from mattgs_ops.capture.masks import mask_name, read_map
 from mattgs_ops.capture.scene import PreparedCapture, Scene, SparsePoints, View
 from mattgs_ops.capture.sparse import SparseImage, SparseModel
-from mattgs_ops.object_masks import ask_views, cross_view, decision
+from mattgs_ops.object_masks import cross_view, decision, poll
 from mattgs_ops.object_masks.cross_view import agree
 from mattgs_ops.object_masks.photo_evidence import plain_ground
 from mattgs_ops.object_masks.silhouettes import iou
@@ -192,7 +192,7 @@ def test_half_of_the_votes_is_asked_for_where_maps_and_edges_say_so(
     Where no test is sure, half of the votes still passes against the maps, and a quarter does not.
     """
     if not sure:
-        monkeypatch.setattr(ask_views, "surely_larger", lambda *_: False)
+        monkeypatch.setattr(poll, "surely_larger", lambda *_: False)
     means = scene_of_splats().means.numpy()
     ground = np.arange(len(means)) >= BALL
     if invented:

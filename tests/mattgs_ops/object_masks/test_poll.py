@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from mattgs_ops.object_masks.ask_views import Ask, Judged
+from mattgs_ops.object_masks.poll import Judged, Poll
 from mattgs_ops.object_masks.silhouettes import predict
 from mattgs_ops.splat.gaussians import Splats
 from mattgs_ops.splat.rasterize import render
@@ -30,7 +30,7 @@ def faint(splats: Splats) -> Splats:
     return splats
 
 
-def asked() -> Ask:
+def asked() -> Poll:
     """Ask ten views of a red ball on a speckled desk, whose maps are right."""
     splats, cameras = scene_of_splats(), orbit()
     colours = np.random.default_rng(0).uniform(0.0, 0.9, (len(splats), 3))
@@ -44,7 +44,7 @@ def asked() -> Ask:
     names = [f"{k}.jpg" for k in range(VIEWS)]
     none = np.zeros((0, 3))
     rest = [True] * VIEWS, False, cameras, cameras, none, 1
-    return Ask(names, photos, truths, outlines, *rest)
+    return Poll(names, photos, truths, outlines, *rest)
 
 
 def met(found: Judged) -> float:
@@ -53,24 +53,24 @@ def met(found: Judged) -> float:
 
 
 def test_haze_before_the_object_neither_votes_nor_hides_it() -> None:
-    ask = asked()
+    poll = asked()
     splats = scene_of_splats()
     veil = faint(chosen(splats, np.arange(len(splats)) >= BALL))
     away = np.random.default_rng(1).normal((0.95, 0.0, 0.1), 0.35, (len(veil), 3))
     veil.means[:] = torch.from_numpy((CENTRE + away).astype(np.float32))
     veil.log_scales[:] = float(np.log(0.2))
-    found = ask.best(joined(splats, veil))
+    found = poll.best(joined(splats, veil))
     assert not found.haze_votes
     assert met(found) > 0.8  # with haze 0.44
 
 
 def test_faint_splats_that_are_the_object_are_asked() -> None:
     """A short training leaves an even, dark part to many faint splats, one behind the other."""
-    ask = asked()
+    poll = asked()
     splats = scene_of_splats()
     means = splats.means.numpy()
     cap = (np.arange(len(splats)) < BALL) & (means[:, 2] > 0.75)
     layers = [faint(chosen(splats, cap)) for _ in range(12)]
-    found = ask.best(joined(chosen(splats, ~cap), *layers))
+    found = poll.best(joined(chosen(splats, ~cap), *layers))
     assert found.haze_votes
     assert met(found) > 0.8  # without them 0.77

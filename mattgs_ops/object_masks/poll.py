@@ -60,8 +60,8 @@ class Judged:
 
 
 @dataclass(frozen=True)
-class Ask:
-    """What is asked of V views: their photos [H, W, 3] RGB and own maps [H, W] in [0, 1].
+class Poll:
+    """A poll of V views: their photos [H, W, 3] RGB and own maps [H, W] in [0, 1].
 
     ``outlines`` are what silhouettes predict; ``voting`` and ``shown`` the views' cameras at the
     sizes of votes and of maps; ``points`` [P, 3] the triangulated ones. Only views that are

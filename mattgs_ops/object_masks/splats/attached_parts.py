@@ -6,10 +6,11 @@ deviations large, meet along the line between their centres. Above the ground th
 on, this graph falls apart into things:
 
 1. Splats that the views' votes are certain about are the core. Pieces of it that touch nothing of
-   the largest one and lie wholly outside the object's radius are other things: they are dropped.
+   the largest one and lie wholly outside the object's radius are no longer certain: other things,
+   or the head of a mast of which votes are not sure.
 2. What is not core falls into connected parts. A part joins when more of its touches are with
-   the core than with what cannot be object: ground, dropped pieces, or what is far away. A mast's
-   head touches the mast alone; a box beside the object touches the ground along all its foot.
+   the core than with what cannot be object: ground, or what is far away. A mast's head touches the
+   mast alone; a box beside the object touches the ground along all its foot.
 
 Only solid, seen splats make the graph. Fainter ones keep the votes' answer, and join where the
 solid one nearest to them did. (Taking them by the nearest solid one alone draws a haze around
@@ -113,7 +114,7 @@ def grown(touches: Touches, certain: Flags, allowed: Flags, distances: Floats) -
     np.minimum.at(begins, parts, distances)
     main = np.arange(len(sizes)) == int(sizes.argmax())
     core: Flags = certain & (main | (begins < STRANDED))[parts]
-    rest = allowed & ~core & ~certain
+    rest = allowed & ~core
     never = ~core & ~rest
     parts = touches.parts(rest)
     gains = touches.counts(parts, rest, core) > touches.counts(parts, rest, never)

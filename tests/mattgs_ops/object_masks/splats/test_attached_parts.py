@@ -73,11 +73,13 @@ def scene() -> dict[str, np.ndarray]:
     }
 
 
-def belonging(things: dict[str, np.ndarray], sure: set[str], faint: set[str]) -> dict[str, float]:
+def belonging(
+    things: dict[str, np.ndarray], sure: set[str], faint: set[str], radius: float = 0.9
+) -> dict[str, float]:
     """Return the share of each thing that is the object's."""
     means = np.concatenate(list(things.values()))
     names = np.repeat(list(things), [len(points) for points in things.values()])
-    distances = np.linalg.norm(means - [0, 0, 0.5], axis=1) / 0.9
+    distances = np.linalg.norm(means - [0, 0, 0.5], axis=1) / radius
     solid = ~np.isin(names, list(faint))
     certain = np.isin(names, list(sure))
     found = attached(splats_at(means), certain, solid, means[:, 2] > 0.05, distances)
@@ -92,6 +94,16 @@ def test_a_head_joins_by_its_mast_a_box_on_the_ground_does_not() -> None:
 def test_a_mast_that_no_view_is_sure_of_joins_with_its_head() -> None:
     found = belonging(scene(), sure={"body"}, faint=set())
     assert (found["mast"], found["head"], found["box"]) == (1, 1, 0)
+
+
+def test_a_head_of_which_a_part_is_sure_joins_by_a_mast_that_is_not() -> None:
+    """What is sure of it lies outside the object's radius and touches nothing else that is."""
+    things = scene()
+    del things["head"]
+    things["face"] = block((-0.2, -0.1, 1.1), (0.2, -0.1, 1.3))
+    things["back"] = block((-0.2, 0.0, 1.1), (0.2, 0.1, 1.3))
+    found = belonging(things, sure={"body", "face", "speck"}, faint=set(), radius=0.5)
+    assert (found["face"], found["back"], found["mast"], found["speck"]) == (1, 1, 1, 0)
 
 
 def test_a_head_without_a_mast_stays_where_it_is() -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mattgs_ops.capture.masks import HALF, SoftMap, disc
-from mattgs_ops.object_masks.silhouettes import SIDE
+from mattgs_ops.object_masks.silhouettes import SIDE, resized
 from mattgs_ops.object_masks.splats.votes import Votes
 
 NO_COUNTS = 2.0  # times a yes, of silhouettes
@@ -94,11 +94,3 @@ def unless(
 ) -> list[SoftMap]:
     """Return each view's map, or the other one where it is refused."""
     return [b if no else a for no, a, b in zip(refused, maps, others, strict=True)]
-
-
-def resized(maps: Sequence[SoftMap], like: Sequence[SoftMap]) -> list[SoftMap]:
-    """Return each map [H, W] at the size of another."""
-    return [
-        np.asarray(cv2.resize(soft, one.shape[::-1], interpolation=cv2.INTER_LINEAR), np.float32)
-        for soft, one in zip(maps, like, strict=True)
-    ]

@@ -35,6 +35,7 @@ from mattgs_ops.object_masks.photo_evidence.plain_ground import PlainGround, cor
 from mattgs_ops.object_masks.poll import Judged, Poll
 from mattgs_ops.object_masks.splats.labels import shrunk
 from mattgs_ops.object_masks.splats.surfaces import train_surfaces
+from mattgs_ops.object_masks.witnesses import Known
 from mattgs_ops.parallel import over_views
 from mattgs_ops.progress import Progress, no_progress
 from mattgs_ops.segment.mask_report import MaskReport
@@ -81,13 +82,9 @@ def agree(
     splats = train_surfaces(
         scene, iterations=ITERATIONS, resolution=RESOLUTION, threads=threads, progress=progress
     )
+    names = [view.name for view in views]
     poll = Poll(
-        names=[view.name for view in views],
-        photos=photos,
-        own=own,
-        outlines=outlines,
-        trained=trained,
-        plain_ground=plain.used,
+        known=Known.of(names, photos, own, outlines, trained, plain_ground=plain.used),
         voting=[camera_at(view, VOTING) for view in views],
         shown=shown,
         points=scene.points().xyz.astype(np.float64),

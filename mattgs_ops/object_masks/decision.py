@@ -32,21 +32,19 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mattgs_ops.capture.masks import HALF, SoftMap
 from mattgs_ops.object_masks.corrected_maps import (
     averaged,
     corrected,
     corrected_by_all,
-    resized,
     unless,
 )
 from mattgs_ops.object_masks.photo_evidence.colours import GOOD
-from mattgs_ops.object_masks.photo_evidence.edges import edges_near, surely_larger
-from mattgs_ops.object_masks.silhouettes import CONTRADICT, Silhouettes, overlaps
+from mattgs_ops.object_masks.photo_evidence.edges import surely_larger
+from mattgs_ops.object_masks.silhouettes import CONTRADICT
 from mattgs_ops.object_masks.splats.votes import CERTAIN, Votes
-from mattgs_ops.object_masks.witnesses import UNCONFIRMED, Bits, Witnessed, judge_parts
+from mattgs_ops.object_masks.witnesses import UNCONFIRMED, Known, Witnessed, judge_parts
 
 LEAST = 0.01  # agreement below it counts as this much: ratios stay finite
 
@@ -102,59 +100,32 @@ def half_meet_best(level: float) -> bool:
     return level >= CERTAIN
 
 
-def decide(
-    names: Sequence[str],
-    photos: Sequence[NDArray[np.uint8]],
-    own: Sequence[SoftMap],
-    silhouettes: Silhouettes,
-    votes: Votes | None,
-    trained: Sequence[bool] | None = None,
-    *,
-    plain_ground: bool = False,
-) -> tuple[Decision, list[SoftMap]]:
+def decide(known: Known, votes: Votes | None) -> tuple[Decision, list[SoftMap]]:
     """Return the decision, and each view's map [H, W] in [0, 1]: 0.5 is the outline.
 
-    ``photos`` [H, W, 3] and ``own`` [H, W] have the size of the votes. What holds for the capture
-    is decided by the views that are ``trained`` on (None: all are); the others get masks by that
-    decision and do not influence it. ``plain_ground``: the maps were corrected by a ground that has
-    no edges of its own.
+    What holds for the capture is decided by the views that are trained on; the others get masks by
+    that decision and do not influence it. ``votes`` is None where no view calls a splat object.
     """
-    deciding = [index for index in range(len(names)) if trained is None or trained[index]]
-    edges = [edges_near(photo) for photo in photos]
-    others = resized(silhouettes.predicted, own)
-    by_outline = overlaps(own, others)
-    maps = Witnessed.of(own, own, edges)
-    confirmed = {"maps": maps.confirmed(deciding)}
+    own, others, deciding = known.own, known.predicted, known.deciding
+    confirmed = {"maps": own.confirmed(deciding)}
     if votes is None:
-        found = _without_votes(names, by_outline, silhouettes.mean, confirmed)
-        return found, corrected(own, others, own, silhouettes.mean, 0.0, along=own)
-    certain = Witnessed.of(votes.certain, own, edges)
-    whole = Witnessed.of(votes.with_parts, own, edges)
+        found = _without_votes(known, confirmed)
+        return found, corrected(own.maps, others, own.maps, known.silhouettes, 0.0, along=own.maps)
+    certain, whole = known.ask(votes.certain), known.ask(votes.with_parts)
     confirmed |= {"votes": certain.confirmed(deciding), "attached": whole.confirmed(deciding)}
-    parts = judge_parts(photos, certain, whole, deciding, plain_ground=plain_ground)
+    parts = judge_parts(known, certain, whole)
     voted = whole if parts.join else certain
-    speaking = [k for k in deciding if (own[k] >= HALF).any()]
-    agreement = _votes_agreement(votes, voted, speaking)
-    objection = _objection(silhouettes.mean, agreement, confirmed)
-    if plain_ground:
+    agreement = _votes_agreement(votes, voted, known.speaking)
+    objection = _objection(known.silhouettes, agreement, confirmed)
+    if known.plain_ground:
         objection = objection or _objection_of_edges(voted.confirmed(deciding), confirmed["maps"])
-    strange = _unlike_trained(voted.met, by_outline, deciding)
-    seen = maps.on_edges, voted.on_edges, by_outline, certain.met, strange
-    denied = [_denied(*view) for view in zip(*seen, strict=True)]
+    denied = _denied(known, certain, voted)
     sources: list[Source] = ["maps" if objection or one else "votes" for one in denied]
-    along = own
-    if objection:
-        own_right = silhouettes.mean * confirmed["maps"]
-        votes_right = voted.meets(speaking) * voted.confirmed(deciding)
-        along = unless(denied, averaged(own, voted.maps, own_right, votes_right), own)
-    mixed = corrected_by_all(own, others, votes, silhouettes.mean, along, alone=plain_ground)
-    kept = bool(objection) and _leads_away(mixed, maps, edges, speaking)
-    if kept:
-        mixed = unless([not (one >= HALF).any() for one in own], own, mixed)
+    mixed, kept = _corrected(known, votes, voted, denied if objection else None)
     found = Decision(
         masks="maps" if objection else "votes",
         reason=objection or "votes meet maps and edges at least as well as silhouettes and maps do",
-        silhouettes=silhouettes.mean,
+        silhouettes=known.silhouettes,
         votes=agreement,
         level=votes.level,
         confirmed=confirmed,
@@ -165,7 +136,13 @@ def decide(
         views=tuple(
             ViewEvidence(*one)
             for one in zip(
-                names, by_outline, certain.met, voted.met, voted.on_edges, sources, strict=True
+                known.names,
+                known.by_outline,
+                certain.met,
+                voted.met,
+                voted.on_edges,
+                sources,
+                strict=True,
             )
         ),
     )
@@ -173,20 +150,36 @@ def decide(
     return found, [v if source == "votes" else m for source, v, m in chosen]
 
 
-def _without_votes(
-    names: Sequence[str],
-    by_outline: Sequence[float],
-    agreement: float,
-    confirmed: dict[str, float],
-) -> Decision:
+def _corrected(
+    known: Known, votes: Votes, voted: Witnessed, denied: Sequence[bool] | None
+) -> tuple[list[SoftMap], bool]:
+    """Return the own maps as the others and votes correct them, and whether they were kept instead.
+
+    ``denied`` is None where votes make the capture's masks, and these maps those of single views;
+    else votes count along the outlines of all views but the denied ones.
+    """
+    own, along = known.own.maps, known.own.maps
+    if denied is not None:
+        own_right = known.silhouettes * known.own.confirmed(known.deciding)
+        votes_right = voted.meets(known.speaking) * voted.confirmed(known.deciding)
+        along = unless(denied, averaged(own, voted.maps, own_right, votes_right), own)
+    mixed = corrected_by_all(
+        own, known.predicted, votes, known.silhouettes, along, alone=known.plain_ground
+    )
+    if denied is None or not _leads_away(known, mixed):
+        return mixed, False
+    return unless([not (one >= HALF).any() for one in own], own, mixed), True
+
+
+def _without_votes(known: Known, confirmed: dict[str, float]) -> Decision:
     """Return the decision of a capture whose splats no view calls object."""
     reason = "no splat is salient to the views"
     views = tuple(
         ViewEvidence(name, one, None, None, None, "maps")
-        for name, one in zip(names, by_outline, strict=True)
+        for name, one in zip(known.names, known.by_outline, strict=True)
     )
     return Decision(
-        "maps", reason, agreement, None, None, confirmed, 0.0, False, False, None, views
+        "maps", reason, known.silhouettes, None, None, confirmed, 0.0, False, False, None, views
     )
 
 
@@ -200,15 +193,27 @@ def _votes_agreement(votes: Votes, voted: Witnessed, speaking: Sequence[int]) ->
     return float(np.mean(votes.agreement))
 
 
-def _leads_away(
-    mixed: Sequence[SoftMap], own: Witnessed, edges: Sequence[Bits], speaking: Sequence[int]
-) -> bool:
+def _leads_away(known: Known, mixed: Sequence[SoftMap]) -> bool:
     """Whether outlines of corrected maps surely lie on photos' edges less than those of own maps.
 
     Views without an object in their map are not asked.
     """
-    after = Witnessed.of(mixed, own.maps, edges)
-    return surely_larger(*([one.on_edges[k] for k in speaking] for one in (own, after)))
+    before, after = known.own.on_edges, known.ask(mixed).on_edges
+    return surely_larger(*([one[k] for k in known.speaking] for one in (before, after)))
+
+
+def _denied(known: Known, certain: Witnessed, voted: Witnessed) -> list[bool]:
+    """Return which views' evidence is against their votes.
+
+    The photo does not confirm the voted outline and silhouettes meet the map better than votes do;
+    or the view was held out and splats show it worse than all others.
+    """
+    strange = _unlike_trained(voted.met, known.by_outline, known.deciding)
+    seen = known.own.on_edges, voted.on_edges, certain.met, known.by_outline, strange
+    return [
+        alien or (by_edges < own_edges - UNCONFIRMED and by_votes < by_outline)
+        for own_edges, by_edges, by_votes, by_outline, alien in zip(*seen, strict=True)
+    ]
 
 
 def _unlike_trained(
@@ -228,18 +233,6 @@ def _unlike_trained(
         index not in trained and outline >= CONTRADICT and ratio < min(lowest, 1.0)
         for index, (ratio, outline) in enumerate(zip(ratios, by_outline, strict=True))
     ]
-
-
-def _denied(
-    own_on_edges: float,
-    voted_on_edges: float,
-    by_outline: float,
-    by_votes: float,
-    strange: bool,
-) -> bool:
-    """Whether the evidence of one view is against its votes."""
-    unconfirmed = voted_on_edges < own_on_edges - UNCONFIRMED
-    return strange or (unconfirmed and by_votes < by_outline)
 
 
 def _objection(silhouettes: float, votes: float, confirmed: dict[str, float]) -> str:

@@ -17,10 +17,10 @@ from mattgs_ops.capture.camera import Camera
 from mattgs_ops.capture.masks import SoftMap
 from mattgs_ops.object_masks.decision import Decision, ViewEvidence, decide, half_meet_best
 from mattgs_ops.object_masks.photo_evidence.edges import surely_larger
-from mattgs_ops.object_masks.silhouettes import Silhouettes
 from mattgs_ops.object_masks.splats.ground_plane import Plane
 from mattgs_ops.object_masks.splats.surfaces import without_haze
 from mattgs_ops.object_masks.splats.votes import Ballot, collect, masks_of
+from mattgs_ops.object_masks.witnesses import Known
 from mattgs_ops.splat.gaussians import Splats
 
 Worth = Callable[[ViewEvidence], float]
@@ -61,19 +61,13 @@ class Judged:
 
 @dataclass(frozen=True)
 class Poll:
-    """A poll of V views: their photos [H, W, 3] RGB and own maps [H, W] in [0, 1].
+    """A poll of V views of which this is ``known``; those that are trained on vote and decide.
 
-    ``outlines`` are what silhouettes predict; ``voting`` and ``shown`` the views' cameras at the
-    sizes of votes and of maps; ``points`` [P, 3] the triangulated ones. Only views that are
-    ``trained`` on vote and decide.
+    ``voting`` and ``shown`` are the views' cameras at the sizes of votes and of maps; ``points``
+    [P, 3] the triangulated ones.
     """
 
-    names: Sequence[str]
-    photos: Sequence[NDArray[np.uint8]]
-    own: Sequence[SoftMap]
-    outlines: Silhouettes
-    trained: Sequence[bool]
-    plain_ground: bool
+    known: Known
     voting: Sequence[Camera]
     shown: Sequence[Camera]
     points: NDArray[np.float64]
@@ -96,9 +90,9 @@ class Poll:
         ballot = collect(
             splats,
             self.voting,
-            self.own,
+            self.known.own.maps,
             self.points,
-            trained=self.trained,
+            trained=self.known.trained,
             threads=self.threads,
         )
         found = self._judged(ballot)
@@ -127,15 +121,7 @@ class Poll:
                 half_needed=half_needed,
                 threads=self.threads,
             )
-        decision, maps = decide(
-            self.names,
-            self.photos,
-            self.own,
-            self.outlines,
-            votes,
-            self.trained,
-            plain_ground=self.plain_ground,
-        )
+        decision, maps = decide(self.known, votes)
         return Judged(decision, maps, ground, cut_ground and ground is not None, half_needed)
 
     def _cut_is_denied(self, cut: Judged, uncut: Judged) -> bool:
@@ -156,8 +142,7 @@ class Poll:
         return float(np.mean(self._worths(judged, worth)))
 
     def _worths(self, judged: Judged, worth: Worth) -> list[float]:
-        views = zip(judged.decision.views, self.trained, strict=True)
-        return [worth(view) for view, use in views if use]
+        return [worth(judged.decision.views[index]) for index in self.known.deciding]
 
 
 def _on_edges(view: ViewEvidence) -> float:

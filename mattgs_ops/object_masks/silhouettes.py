@@ -105,6 +105,14 @@ def overlaps(first: Sequence[SoftMap], second: Sequence[SoftMap]) -> list[float]
     return [iou(a >= HALF, b >= HALF) for a, b in zip(first, second, strict=True)]
 
 
+def resized(maps: Sequence[SoftMap], like: Sequence[SoftMap]) -> list[SoftMap]:
+    """Return each map [H, W] at the size of another."""
+    return [
+        np.asarray(cv2.resize(soft, one.shape[::-1], interpolation=cv2.INTER_LINEAR), np.float32)
+        for soft, one in zip(maps, like, strict=True)
+    ]
+
+
 def around_half(share: SoftMap, wanted: float) -> SoftMap:
     """Stretch shares or answers [H, W] so that the wanted one becomes a half, and 0 and 1 stay."""
     above = np.ones_like(share) if wanted >= 1 else 0.5 + 0.5 * (share - wanted) / (1 - wanted)

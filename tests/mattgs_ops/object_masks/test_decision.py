@@ -12,7 +12,7 @@ from mattgs_ops.object_masks.decision import Decision, decide, half_meet_best
 from mattgs_ops.object_masks.silhouettes import Silhouettes, iou, predict
 from mattgs_ops.object_masks.splats.labels import Place
 from mattgs_ops.object_masks.splats.votes import LEVELS, Votes
-from mattgs_ops.object_masks.witnesses import MOST_ATTACHED, UNCONFIRMED
+from mattgs_ops.object_masks.witnesses import MOST_ATTACHED, UNCONFIRMED, Known
 from tests.mattgs_ops.object_masks.ball import CENTRE, HEIGHT, RADIUS, VIEWS, WIDTH, orbit, truth
 
 CAMERAS = orbit()
@@ -40,7 +40,7 @@ def votes(own: list[SoftMap], sure: list[SoftMap], whole: list[SoftMap] | None =
 def judged(own: list[SoftMap], sure: list[SoftMap]) -> tuple[Decision, list[SoftMap]]:
     outlines = predict(CAMERAS, own)
     assert outlines is not None
-    return decide(NAMES, photos(), own, outlines, votes(own, sure))
+    return decide(Known.of(NAMES, photos(), own, outlines), votes(own, sure))
 
 
 def test_votes_make_the_masks_where_maps_leak_each_elsewhere() -> None:
@@ -67,7 +67,7 @@ def test_outlines_through_even_ground_are_not_believed() -> None:
     # they meet the maps as well as silhouettes do, but lie on black cloth
     away = [grown(t, 4) for t in TRUTHS]
     met = Silhouettes(away, [iou(a > 0, b > 0) for a, b in zip(away, TRUTHS, strict=True)], 1.0)
-    found, _ = decide(NAMES, photos(), TRUTHS, met, votes(TRUTHS, away))
+    found, _ = decide(Known.of(NAMES, photos(), TRUTHS, met), votes(TRUTHS, away))
     assert found.masks == "maps"
     assert found.votes == found.silhouettes
     assert found.confirmed["votes"] < found.confirmed["maps"]
@@ -81,8 +81,8 @@ def test_on_plain_ground_votes_must_lie_on_edges_as_much_as_maps(plain: bool) ->
         column, row = camera.project(CENTRE[None])[0][0].astype(int)
         soft[row - 3 : row + 3, column : column + 22] = 1
     low = Silhouettes([soft * 0 for soft in TRUTHS], [0.0] * VIEWS, 1.0)
-    asked = NAMES, photos(), TRUTHS, low, votes(TRUTHS, beside)
-    found, maps = decide(*asked, plain_ground=plain)
+    known = Known.of(NAMES, photos(), TRUTHS, low, plain_ground=plain)
+    found, maps = decide(known, votes(TRUTHS, beside))
     assert found.masks == ("maps" if plain else "votes")
     assert ("on plain ground" in found.reason) is plain
     assert (iou(maps[0] >= 0.5, TRUTHS[0] >= 0.5) > 0.97) is plain
@@ -97,7 +97,7 @@ def test_on_plain_ground_maps_whose_outlines_lie_on_edges_need_no_votes(
     for soft in own if not mended else []:
         soft[60:66, 4:40] = 1
     low = Silhouettes([soft * 0 for soft in TRUTHS], [0.0] * VIEWS, 1.0)
-    found, _ = decide(NAMES, photos(), own, low, votes(own, TRUTHS), plain_ground=True)
+    found, _ = decide(Known.of(NAMES, photos(), own, low, plain_ground=True), votes(own, TRUTHS))
     assert found.masks == masks
     assert ("nothing to mend" in found.reason) is mended
 
@@ -116,7 +116,7 @@ def test_where_half_of_the_votes_meet_maps_best_what_is_delivered_must_meet_them
     pictures = [np.repeat(shade.astype(np.uint8)[..., None], 3, axis=2) for shade in shades]
     met = Silhouettes(TRUTHS, [0.9] * VIEWS, 1.0)
     split = replace(votes(TRUTHS, plates), level=level, agreement=[0.95] * VIEWS)
-    found, maps = decide(NAMES, pictures, TRUTHS, met, split)
+    found, maps = decide(Known.of(NAMES, pictures, TRUTHS, met), split)
     assert found.masks == ("maps" if level == 0.5 else "votes")
     assert (iou(maps[0] >= 0.5, TRUTHS[0] >= 0.5) > 0.9) is (level == 0.5)
 
@@ -131,7 +131,7 @@ def test_attached_parts_join_where_they_are_few(pixels: int, kept: bool) -> None
     whole = [grown(soft, pixels) if pixels else soft for soft in mast]
     low = Silhouettes([soft * 0 for soft in TRUTHS], [0.0] * VIEWS, 1.0)
     shown = [np.repeat((m * 220).astype(np.uint8)[..., None], 3, axis=2) for m in mast]
-    found, maps = decide(NAMES, shown, TRUTHS, low, votes(TRUTHS, TRUTHS, whole))
+    found, maps = decide(Known.of(NAMES, shown, TRUTHS, low), votes(TRUTHS, TRUTHS, whole))
     assert found.masks == "votes"
     assert found.attached_kept is kept
     assert np.array_equal(maps[0], whole[0] if kept else TRUTHS[0])
@@ -148,7 +148,7 @@ def test_parts_that_photos_and_maps_both_deny_do_not_join(shown: bool) -> None:
     drawn = whole if shown else TRUTHS
     pictures = [np.repeat((m * 220).astype(np.uint8)[..., None], 3, axis=2) for m in drawn]
     low = Silhouettes([soft * 0 for soft in TRUTHS], [0.0] * VIEWS, 1.0)
-    found, maps = decide(NAMES, pictures, TRUTHS, low, votes(TRUTHS, TRUTHS, whole))
+    found, maps = decide(Known.of(NAMES, pictures, TRUTHS, low), votes(TRUTHS, TRUTHS, whole))
     assert found.confirmed["attached"] > found.confirmed["votes"] - UNCONFIRMED
     assert found.attached < MOST_ATTACHED
     assert found.attached_kept is shown
@@ -168,7 +168,7 @@ def test_many_attached_parts_join_where_they_have_the_objects_colours(alike: boo
         photo[middle > 0] = [40, 90, 160]
         pictures.append(photo)
     low = Silhouettes([soft * 0 for soft in TRUTHS], [0.0] * VIEWS, 1.0)
-    found, maps = decide(NAMES, pictures, core, low, votes(core, core, TRUTHS))
+    found, maps = decide(Known.of(NAMES, pictures, core, low), votes(core, core, TRUTHS))
     assert found.attached > MOST_ATTACHED
     assert found.alike is not None
     assert (found.alike > 0.5) is alike
@@ -181,7 +181,7 @@ def test_one_view_whose_voted_outline_its_photo_denies_keeps_its_map() -> None:
     sure[5] = grown(TRUTHS[5], 8)
     outlines = [soft * (index == 5) for index, soft in enumerate(TRUTHS)]
     low = Silhouettes([o.astype(np.float32) for o in outlines], [0.0] * VIEWS, 1.0)
-    found, maps = decide(NAMES, photos(), TRUTHS, low, votes(TRUTHS, sure))
+    found, maps = decide(Known.of(NAMES, photos(), TRUTHS, low), votes(TRUTHS, sure))
     assert found.masks == "votes"
     assert [view.name for view in found.views if view.masks == "maps"] == ["5"]
     assert not np.array_equal(maps[5], sure[5])
@@ -197,7 +197,7 @@ def test_a_held_out_view_that_splats_show_worse_than_all_others_keeps_its_map(
     speckled = np.random.default_rng(0).integers(0, 255, (HEIGHT, WIDTH, 3), np.uint8)
     met = Silhouettes(TRUTHS, [0.8] * VIEWS, 1.0)
     use = [index != 5 or trained for index in range(VIEWS)]
-    found, maps = decide(NAMES, [speckled] * VIEWS, TRUTHS, met, votes(TRUTHS, sure), use)
+    found, maps = decide(Known.of(NAMES, [speckled] * VIEWS, TRUTHS, met, use), votes(TRUTHS, sure))
     assert found.masks == "votes"
     assert [view.name for view in found.views if view.masks == "maps"] == ([] if trained else ["5"])
     assert (iou(maps[5] >= 0.5, TRUTHS[5] >= 0.5) > 0.9) is not trained
@@ -208,7 +208,7 @@ def test_a_held_out_map_that_silhouettes_contradict_is_no_witness_against_splats
     own[5] = np.roll(TRUTHS[5], WIDTH // 3, axis=1)
     met = Silhouettes(TRUTHS, [0.8] * VIEWS, 1.0)
     use = [index != 5 for index in range(VIEWS)]
-    found, maps = decide(NAMES, photos(), own, met, votes(TRUTHS, TRUTHS), use)
+    found, maps = decide(Known.of(NAMES, photos(), own, met, use), votes(TRUTHS, TRUTHS))
     assert iou(own[5] >= 0.5, TRUTHS[5] >= 0.5) < 0.5
     assert found.views[5].masks == "votes"
     assert np.array_equal(maps[5], TRUTHS[5])
@@ -220,7 +220,9 @@ def test_maps_stay_where_correcting_them_leads_outlines_away_from_edges() -> Non
     met = [iou(a > 0, b > 0) for a, b in zip(beside, TRUTHS, strict=True)]
     own = [*TRUTHS[:-1], TRUTHS[-1] * 0]
     floods = [grown(t, 20) for t in TRUTHS]
-    found, maps = decide(NAMES, photos(), own, Silhouettes(beside, met, 1.0), votes(TRUTHS, floods))
+    found, maps = decide(
+        Known.of(NAMES, photos(), own, Silhouettes(beside, met, 1.0)), votes(TRUTHS, floods)
+    )
     assert found.masks == "maps"
     assert found.own_kept
     assert all(np.array_equal(a, b) for a, b in zip(maps[:-1], own[:-1], strict=True))
@@ -234,8 +236,8 @@ def test_maps_that_are_believed_are_averaged_with_votes_along_their_outlines(pla
     own = [grown(t, 1) for t in TRUTHS]
     own[2][4:24, 4:24] = 1  # the other silhouettes and the votes deny it
     sure = Silhouettes([t.copy() for t in TRUTHS], [0.95] * VIEWS, 1.0)
-    asked = NAMES, photos(), own, sure, replace(votes(own, smaller), agreement=[0.8] * VIEWS)
-    found, maps = decide(*asked, plain_ground=plain)
+    known = Known.of(NAMES, photos(), own, sure, plain_ground=plain)
+    found, maps = decide(known, replace(votes(own, smaller), agreement=[0.8] * VIEWS))
     assert (found.masks, found.own_kept) == ("maps", False)
     met = float(np.mean([iou(a > 0, b > 0) for a, b in zip(own, smaller, strict=True)]))
     shares = [found.confirmed["maps"], found.confirmed["votes"]]
@@ -260,7 +262,7 @@ def test_without_votes_maps_are_corrected_by_silhouettes() -> None:
     own[2][4:24, 4:24] = 1
     outlines = predict(CAMERAS, own)
     assert outlines is not None
-    found, maps = decide(NAMES, photos(), own, outlines, None)
+    found, maps = decide(Known.of(NAMES, photos(), own, outlines), None)
     assert (found.masks, found.votes) == ("maps", None)
     assert (maps[2][8:20, 8:20] < 0.5).all()
     assert maps[0].shape == (HEIGHT, WIDTH)

@@ -5,6 +5,7 @@ import torch
 
 from mattgs_ops.object_masks.poll import Judged, Poll
 from mattgs_ops.object_masks.silhouettes import predict
+from mattgs_ops.object_masks.witnesses import Known
 from mattgs_ops.splat.gaussians import Splats
 from mattgs_ops.splat.rasterize import render
 from mattgs_ops.splat.training.initialise import SH_C0
@@ -43,8 +44,7 @@ def asked() -> Poll:
     assert outlines is not None
     names = [f"{k}.jpg" for k in range(VIEWS)]
     none = np.zeros((0, 3))
-    rest = [True] * VIEWS, False, cameras, cameras, none, 1
-    return Poll(names, photos, truths, outlines, *rest)
+    return Poll(Known.of(names, photos, truths, outlines), cameras, cameras, none, 1)
 
 
 def met(found: Judged) -> float:

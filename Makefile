@@ -5,7 +5,7 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
 BIN := $(VENV)/bin
-KERNELS := $(wildcard mattgs_ops/splat/_kernels/* mattgs_ops/sfm/colmap/_kernels/*)
+KERNELS := $(shell find mattgs_ops/splat/_kernels mattgs_ops/sfm/colmap/_kernels -type f)
 # every stamp depends on what the extension and the metadata are built from
 BUILD_INPUTS := pyproject.toml CMakeLists.txt $(KERNELS)
 # the editable installation lists the modules: it is made anew when one was added, moved or removed

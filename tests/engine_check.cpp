@@ -10,7 +10,8 @@
 #include <string>
 #include <vector>
 
-#include "workspace.h"
+#include "rendering/photometric_loss.h"
+#include "rendering/rendering.h"
 
 namespace mattgs::wide {
 const Kernels& table();  // 16 lanes in baseline instructions

@@ -168,7 +168,7 @@ def _drop_docstring(
 
 def _kernels(root: Path, module: str, folder: Path) -> list[Path]:
     """Return a compiled module's sources and build description, or without them the module."""
-    sources = [path for path in sorted((root / folder).glob("*")) if path.is_file()]
+    sources = [path for path in sorted((root / folder).rglob("*")) if path.is_file()]
     build = [path for path in [root / "CMakeLists.txt"] if path.is_file()]
     name = module.rpartition(".")[2]
     return sources + build if sources else sorted((root / folder.parent).glob(f"{name}*.so"))

@@ -14,8 +14,9 @@
 #include <string>
 #include <tuple>
 
-#include "threads.h"
-#include "workspace.h"
+#include "rendering/photometric_loss.h"
+#include "rendering/rendering.h"
+#include "rendering/threads.h"
 
 namespace nb = nanobind;
 using namespace nb::literals;

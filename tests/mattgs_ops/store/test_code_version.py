@@ -20,7 +20,7 @@ SOURCES = {
     "mattgs_ops/deep/late.py": "Z = 1\n",
     "mattgs_ops/deep/worker.py": "from mattgs_ops.splat import _engine\n",
     "mattgs_ops/splat/__init__.py": "",
-    "mattgs_ops/splat/_kernels/a.cpp": "int a;\n",
+    "mattgs_ops/splat/_kernels/pixels/a.cpp": "int a;\n",
     "mattgs_ops/sfm/colmap/__init__.py": "",
     "mattgs_ops/sfm/colmap/match.py": "from mattgs_ops.sfm.colmap import _descriptors\n",
     "mattgs_ops/sfm/colmap/_kernels/b.cpp": "int b;\n",
@@ -90,14 +90,14 @@ def test_comments_formatting_and_docstrings_do_not_count(root: Path) -> None:
 def test_what_is_not_imported_does_not_count(root: Path) -> None:
     before = digest_modules(["mattgs_ops.one"], root=root)
     edit(root / "mattgs_ops/apart.py", "import torch", "import numpy")
-    edit(root / "mattgs_ops/splat/_kernels/a.cpp", "int a", "int b")
+    edit(root / "mattgs_ops/splat/_kernels/pixels/a.cpp", "int a", "int b")
     assert digest_modules(["mattgs_ops.one"], root=root) == before
 
 
 def test_kernels_count_for_what_runs_the_engine(root: Path) -> None:
     before = digest_modules(["mattgs_ops.deep"], root=root)
     matching = digest_modules(["mattgs_ops.sfm.colmap.match"], root=root)
-    edit(root / "mattgs_ops/splat/_kernels/a.cpp", "int a", "int b")
+    edit(root / "mattgs_ops/splat/_kernels/pixels/a.cpp", "int a", "int b")
     engine = digest_modules(["mattgs_ops.deep"], root=root)
     assert engine != before
     assert digest_modules(["mattgs_ops.sfm.colmap.match"], root=root) == matching

@@ -1,4 +1,4 @@
-#include "threads.h"
+#include "rendering/threads.h"
 
 #include <unistd.h>
 

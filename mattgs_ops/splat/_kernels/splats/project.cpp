@@ -1,5 +1,5 @@
 // Projection of splats to the image and view-dependent colour. LANES splats at a time.
-#include "geometry.h"
+#include "splats/geometry.h"
 #include "kernels.h"
 
 namespace mattgs {

@@ -1,84 +1,13 @@
-// Memory and results of one rendering, and the passes over them.
+// Results of one rendering, and the passes over its memory.
 #pragma once
 
 #include <array>
-#include <cstdlib>
 #include <memory>
-#include <new>
-#include <vector>
 
 #include "engine.h"
+#include "rendering/workspace.h"
 
 namespace mattgs {
-
-// Uninitialised memory that is kept for the next call; contents are lost when it grows.
-template <class T>
-class Buffer {
-public:
-    Buffer() = default;
-    Buffer(Buffer&& other) noexcept : data_(other.data_), capacity_(other.capacity_) {
-        other.data_ = nullptr;
-        other.capacity_ = 0;
-    }
-    Buffer& operator=(Buffer&&) = delete;
-    ~Buffer() { std::free(data_); }
-
-    T* fit(int64_t count) {
-        if (count > capacity_) {
-            std::free(data_);
-            capacity_ = 0;
-            data_ = allocate(count + count / 4);
-            capacity_ = count + count / 4;
-        }
-        return data_;
-    }
-
-    T* extend(int64_t count, int64_t used) {  // keeps the first `used`
-        if (count <= capacity_) return data_;
-        T* grown = allocate(count);
-        for (int64_t i = 0; i < used; ++i) grown[i] = data_[i];
-        std::free(data_);
-        data_ = grown;
-        capacity_ = count;
-        return data_;
-    }
-
-    T* data() const { return data_; }
-    int64_t capacity() const { return capacity_; }
-    int64_t bytes() const { return capacity_ * static_cast<int64_t>(sizeof(T)); }
-
-private:
-    static T* allocate(int64_t count) {
-        const std::size_t size = (static_cast<std::size_t>(count) * sizeof(T) + 127) / 64 * 64;
-        void* p = std::aligned_alloc(64, size);
-        if (!p) throw std::bad_alloc();
-        return static_cast<T*>(p);
-    }
-
-    T* data_ = nullptr;
-    int64_t capacity_ = 0;
-};
-
-struct Chunk {  // what one thread bins
-    Buffer<Pair> pairs;
-    std::vector<uint32_t> histogram;
-    int64_t first = 0, last = 0, written = 0;
-};
-
-struct Workspace {
-    Buffer<Projected> unsorted, sorted;
-    Buffer<float> depths, colours, extra, slots, scratch;
-    Buffer<uint64_t> keys, keys_spare;
-    Buffer<uint32_t> order;
-    Buffer<Slots> slots_of;
-    Buffer<Pair> pairs;
-    Buffer<TilePixels> pixels;
-    std::vector<Chunk> chunks;
-    std::vector<uint32_t> tile_start;
-    std::vector<int32_t> processed, by_cost;
-
-    int64_t bytes() const;
-};
 
 struct RenderOutputs {
     float *image, *alpha, *radii, *means2d;  // image [height, width, channels()]
@@ -140,9 +69,6 @@ private:
     std::unique_ptr<Workspace> work_;
     std::array<double, 6> seconds_{};
 };
-
-// Loss of H x W x 3 values; fills grad.
-LossSums photometric_loss(const Kernels& kernels, const LossImages& images, int threads);
 
 // Sorts by the upper 32 bits, stable; the result is in `keys` or `spare`, which is returned.
 uint64_t* radix_sort(uint64_t* keys, uint64_t* spare, int64_t count);

@@ -5,7 +5,7 @@
 // B + alpha * (s - B). Nothing is subtracted from a running total, so far splats keep their digits.
 #include "engine.h"
 #include "kernels.h"
-#include "pixel.h"
+#include "pixels/pixel.h"
 #include "vec.h"
 
 namespace mattgs {

@@ -5,7 +5,7 @@
 // bit set, which makes every later weight fail the same test, without a branch.
 #include "engine.h"
 #include "kernels.h"
-#include "pixel.h"
+#include "pixels/pixel.h"
 #include "vec.h"
 
 namespace mattgs {

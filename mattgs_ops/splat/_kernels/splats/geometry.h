@@ -4,7 +4,7 @@
 
 #include "engine.h"
 #include "rows.h"
-#include "sh.h"
+#include "splats/sh.h"
 #include "vec.h"
 
 namespace mattgs {

@@ -1,14 +1,15 @@
 """What attention alone buys: rows of `benchmarks/attention/proof.toml`, attention on against off.
 
-    python benchmarks/attention/table.py OUT/benchmarks/attention-proof/rows.json
+    python benchmarks/attention/table.py OUT/benchmarks/attention-proof/rows.json …
         [--store OUT/store --pictures pictures.png --budget 5000]
 
 The first table is `attention` − `mask`, which differ in nothing but the weight of attention: for
 each budget and capture, paired by view and seed, and over captures, whose interval takes captures
-for the samples. The second is Bjøntegaard's rate on small parts: how much smaller a file is at
-equal PSNR. ``--pictures`` shows three small parts a capture as they were rendered: truth, without
-attention, with it. They are the largest ones of the first, the middle and the last held-out view,
-so that nobody chose them.
+for the samples. The second is the same of `attention` − `tuned`, the control without mask and
+attention in the loss. The third is Bjøntegaard's rate: how much smaller a file is at equal PSNR.
+``--pictures`` shows three small parts a capture as they were rendered: truth, without attention,
+with it. They are the largest ones of the first, the middle and the last held-out view, so that
+nobody chose them.
 """
 
 import argparse
@@ -29,17 +30,17 @@ from reports.tables.pairs import ratio, view_scores
 
 ON, OFF, CONTROL = "attention", "mask", "tuned"  # methods of the benchmark
 SCORES = {
-    "detail_psnr": "small parts, dB",
-    "detail_ssim": "small parts, SSIM",
-    "detail_flip": "small parts, FLIP",
-    "mask_psnr": "whole object, dB",
-    "core_psnr": "core, dB",
+    "detail_psnr": "small parts",
+    "detail_ssim": "SSIM of small parts",
+    "detail_flip": "ꟻLIP of small parts",
+    "mask_psnr": "whole object",
+    "core_psnr": "core",
 }
 PARTS_SHOWN, SIDE, ZOOM, GAP = 3, 40, 4, 6  # pixels
 
 
 def main() -> None:
-    """Print both tables, and draw the pictures."""
+    """Print the tables, and draw the pictures."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("rows", type=Path, nargs="+")
     parser.add_argument("--store", type=Path, help="where the rows' renders lie")
@@ -48,7 +49,8 @@ def main() -> None:
     given = parser.parse_args()
     rows = [row for path in given.rows for row in json.loads(path.read_text(encoding="utf-8"))]
     found = [cell for cell in cells(rows) if cell.finished]
-    print(on_against_off(found, clock_of(rows)))
+    for base in (OFF, CONTROL):
+        print(differences(found, ON, base, clock_of(rows)))
     print(rates(rows))
     if given.pictures and given.store:
         cv2.imwrite(str(given.pictures), pictures(found, given.store, given.budget))
@@ -66,48 +68,53 @@ def cell_of(found: Sequence[Cell], capture: str, method: str, budget: int) -> Ce
     )
 
 
-def on_against_off(found: Sequence[Cell], timer: str) -> str:
-    """Compare attention on with attention off at each budget."""
+def differences(found: Sequence[Cell], method: str, base: str, timer: str) -> str:
+    """Compare a method with another at each budget; ``timer`` is the metric of its time."""
     names = captures(row for cell in found for row in cell.finished)
-    head = ["budget", "capture", "seeds", *SCORES.values(), "splats, ratio", "time, ratio"]
+    head = [f"{method} − {base}, splats", "capture", "seeds", *SCORES.values(), "time"]
     lines = [head, ["---"] * len(head)]
     for budget in sorted({cell.key.budget for cell in found}):
         means: dict[str, list[float]] = {score: [] for score in SCORES}
+        label = f"{budget:,}"
         for name in names:
-            on, off = (cell_of(found, name, method, budget) for method in (ON, OFF))
-            if on is None or off is None:
+            mine, other = (cell_of(found, name, one, budget) for one in (method, base))
+            if mine is None or other is None:
                 continue
             gaps = {
-                score: statistics.paired(view_scores(on, score), view_scores(off, score))
+                score: statistics.paired(view_scores(mine, score), view_scores(other, score))
                 for score in SCORES
             }
             for score, gap in gaps.items():
                 means[score] += [gap.mean] if gap else []
-            seeds = {row["seed"] for row in on.finished} & {row["seed"] for row in off.finished}
-            costs = [ratio(on, off, metric) for metric in ("splats", timer)]
-            lines.append(
-                [
-                    f"{budget:,}",
-                    capture_name(name),
-                    str(len(seeds)),
-                    *(shown(gap, score) for score, gap in gaps.items()),
-                    *("-" if cost is None else f"{cost:.2f}" for cost in costs),
-                ]
-            )
+            seeds = {row["seed"] for row in mine.finished} & {row["seed"] for row in other.finished}
+            shares = [shown(gap, score) for score, gap in gaps.items()]
+            time = ratio(mine, other, timer)
+            cost = "-" if time is None else f"× {time:.2f}"
+            lines.append([label, capture_name(name), str(len(seeds)), *shares, cost])
+            label = ""
         over_all = [
             shown(statistics.sample(values) if len(values) > 1 else None, score)
             for score, values in means.items()
         ]
-        lines.append([f"{budget:,}", "mean of captures", "", *over_all, "", ""])
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
+        lines.append([label, "mean", "", *over_all, ""])
+    return table_of(lines) + "\n"
+
+
+def table_of(lines: Sequence[Sequence[str]]) -> str:
+    """Return cells as a Markdown table."""
+    return "\n".join(
+        "|" + "|".join(f" {cell} " if cell else " " for cell in line) + "|" for line in lines
+    )
 
 
 def shown(gap: Interval | None, score: str) -> str:
     """Print a mean with half of its interval, bold where the sign is beyond doubt."""
     if gap is None:
         return "-"
-    digits = 2 if score.endswith("psnr") else 4
-    text = f"{gap.mean:+.{digits}f} ± {gap.half:.{digits}f}"
+    decibels = score.endswith("psnr")
+    digits = 2 if decibels else 4
+    mean = f"{gap.mean:+.{digits}f}".replace("-", "−")
+    text = f"{mean} ± {gap.half:.{digits}f}{' dB' if decibels else ''}"
     return f"**{text}**" if gap.excludes_zero() else text
 
 
@@ -131,8 +138,9 @@ def rates(rows: Sequence[dict[str, Any]]) -> str:
             total = (
                 "-" if mean is None else f"{mean.mean:+.0f} % ({mean.low:+.0f} to {mean.high:+.0f})"
             )
-            lines.append([f"{method} against {base}", part, *texts, total])
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+            signed = [cell.replace("-", "−") if "%" in cell else cell for cell in (*texts, total)]
+            lines.append([f"{method} against {base}", part, *signed])
+    return table_of(lines)
 
 
 def pictures(found: Sequence[Cell], store: Path, budget: int) -> NDArray[np.uint8]:
@@ -156,7 +164,7 @@ def pictures(found: Sequence[Cell], store: Path, budget: int) -> NDArray[np.uint
 
 def largest_part(path: Path) -> tuple[int, int]:
     """Return the middle of the largest connected small part in an id mask."""
-    marked = (cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) > 0).astype(np.uint8)
+    marked = (np.asarray(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)) > 0).astype(np.uint8)
     _, _, stats, middles = cv2.connectedComponentsWithStats(marked)
     number = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
     x, y = middles[number]
@@ -165,7 +173,7 @@ def largest_part(path: Path) -> tuple[int, int]:
 
 def crop(path: Path, x: int, y: int) -> NDArray[np.uint8]:
     """Cut a square about a pixel, enlarged, with a white edge."""
-    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    image = np.asarray(cv2.imread(str(path), cv2.IMREAD_COLOR))
     left = int(np.clip(x - SIDE // 2, 0, image.shape[1] - SIDE))
     top = int(np.clip(y - SIDE // 2, 0, image.shape[0] - SIDE))
     part = image[top : top + SIDE, left : left + SIDE]

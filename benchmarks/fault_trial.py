@@ -33,9 +33,9 @@ class Trial:
         self.options: list[str] = []
         self.children: list[psutil.Process] = []
         self.embedded = False  # whether the run starts a Prefect server of its own
-        for stage in READY if done_before is not None else ():
-            shutil.copytree(done_before / "store" / stage, self.out / "store" / stage)
         if done_before is not None:
+            for stage in READY:
+                shutil.copytree(done_before / "store" / stage, self.out / "store" / stage)
             shutil.copy(folder / "mlflow.db", self.out)
 
     def start(self) -> "subprocess.Popen[str]":
@@ -134,10 +134,11 @@ def dask_cluster(address: str, trial: Trial) -> Iterator[list[psutil.Process]]:
     worker = [*dask, "worker", address, "--nthreads", "1", "--no-dashboard"]
     worker += ["--resources", "train=1"]
     worker += ["--local-directory", str(trial.folder / "dask"), "--death-timeout", "20"]
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     environment = os.environ | {"TMPDIR": str(trial.folder)}
+    quiet = subprocess.DEVNULL
     started = [
-        subprocess.Popen(command, env=environment, **quiet) for command in (scheduler, worker)
+        subprocess.Popen(command, env=environment, stdout=quiet, stderr=quiet)
+        for command in (scheduler, worker)
     ]
     try:
         _wait_for_workers(address)

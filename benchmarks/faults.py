@@ -156,7 +156,8 @@ def full_disk(trial: Trial) -> str:
     return f"exit {code}"
 
 
-FAULTS: dict[str, Callable[[Trial], str]] = {
+Fault = Callable[[Trial], str]
+FAULTS: dict[str, Fault] = {
     "SIGKILL to the flow": kill_flow,
     "SIGTERM to the flow": terminate_flow,
     "Ctrl-C": interrupt_flow,
@@ -171,14 +172,18 @@ FAULTS: dict[str, Callable[[Trial], str]] = {
     "a full disk": full_disk,
 }
 # How a run ends that was hit; one that ends otherwise was not, and says nothing.
-ENDS = {
+ENDS: dict[Fault, str] = {
     kill_flow: f"exit {-signal.SIGKILL}",
     terminate_flow: f"exit {-signal.SIGTERM}",
     interrupt_flow: "exit 130",
     kill_server: "exit 1",
     full_disk: "exit 1",
 }
-DAMAGES = {truncate_artifact: 1, corrupt_artifact: 1, corrupt_manifest: EXPERIMENTS}
+DAMAGES: dict[Fault, int] = {
+    truncate_artifact: 1,
+    corrupt_artifact: 1,
+    corrupt_manifest: EXPERIMENTS,
+}
 
 
 def main() -> None:
@@ -216,7 +221,9 @@ def try_all(folder: Path, names: list[str] | None) -> bool:
     """
     tiny.write(folder)
     results = folder / "results.json"
-    known = json.loads(results.read_text(encoding="utf-8")) if results.is_file() else {}
+    known: dict[str, list[str | int]] = {}
+    if results.is_file():
+        known = json.loads(results.read_text(encoding="utf-8"))
     reference = Trial(folder, "reference", None)
     if not reference.rows.is_file() and reference.run() != 0:
         sys.exit(f"the benchmark does not even run without faults: {folder / 'printed.txt'}")
@@ -256,8 +263,9 @@ def attempt(folder: Path, name: str, reference: Trial) -> list[str | int]:
             subprocess.run(["umount", "-l", str(trial.out)], check=True)
     hit = happened == ENDS.get(fault, happened)
     well = hit and code == 0 and same and once and left == 0 and half == 0
-    cells = [happened, half, left, f"exit {code}", resumed, "yes" if same else "**no**", runs]
-    return [*cells, round(time.monotonic() - began), "yes" if well else "**no**"]
+    cells: list[str | int] = [happened, half, left, f"exit {code}", resumed]
+    cells += ["yes" if same else "**no**", runs, round(time.monotonic() - began)]
+    return [*cells, "yes" if well else "**no**"]
 
 
 if __name__ == "__main__":

@@ -66,13 +66,13 @@ def shrunk(scene: Scene, resolution: int, out: Path) -> Scene:
     for view in scene.views:
         size = size_at(view.width, view.height, resolution)
         photo = _resized(view.photo, size, out / "photos" / f"{view.name}.png")
-        masks = {
-            kind: path and _resized(path, size, out / kind / f"{view.name}.png")
+        mask, coverage = (
+            path and _resized(path, size, out / kind / f"{view.name}.png")
             for kind, path in (("mask", view.mask), ("coverage", view.coverage))
-        }
+        )
+        small = replace(view, width=size[0], height=size[1], photo=photo, mask=mask)
         camera = view.camera and view.camera.scaled(*size)
-        small = {"photo": photo, "camera": camera, "ids": None, **masks}
-        views.append(replace(view, width=size[0], height=size[1], **small))
+        views.append(replace(small, camera=camera, coverage=coverage, ids=None))
     found = replace(scene, folder=out, views=tuple(views))
     found.save(scene.points())
     return found

@@ -11,11 +11,11 @@ import argparse
 import json
 import os
 import shutil
-import sys
 import tempfile
 import time
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from unittest import mock
 
 import psutil
 
@@ -93,18 +93,16 @@ def _fill(place: Place, done: BenchmarkConfig, grid: BenchmarkConfig) -> None:
             if slot.finished is None:
                 _copy(originals, stage, slot.work)
                 slot.finish({"seconds": 1.0})
-            originals.setdefault(stage.name, slot.finished.folder)
-            return Artifact(stage.name, str(key), slot.finished.digest, 1.0, cached=True)
+            made = slot.finished
+            assert made is not None
+            originals.setdefault(stage.name, made.folder)
+            return Artifact(stage.name, str(key), made.digest, 1.0, cached=True)
 
-    kept: list[tuple[Any, Any]] = [(module, module.perform) for module in STAGES]
-    for module in STAGES:
-        module.perform = find_artifact
-    try:
+    with ExitStack() as replaced:
+        for module in STAGES:
+            replaced.enter_context(mock.patch.object(module, "perform", find_artifact))
         for config in (done, grid):
             _request_stages(place, config)
-    finally:
-        for module, perform in kept:
-            module.perform = perform
 
 
 def _request_stages(place: Place, config: BenchmarkConfig) -> None:
@@ -136,4 +134,4 @@ def _copy(originals: dict[str, Path], stage: Stage, folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

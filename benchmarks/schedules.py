@@ -20,7 +20,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from benchmarks import tiny
 from flows.services import embedded
@@ -28,6 +28,10 @@ from flows.services.prefect_server import healthy
 from flows.services.serve import server
 from reports.gate import baseline as baselines
 from reports.gate.baseline import Baseline
+
+if TYPE_CHECKING:
+    from prefect.client.orchestration import SyncPrefectClient
+    from prefect.client.schemas.responses import DeploymentResponse
 
 ROOT = Path(__file__).resolve().parents[1]
 NETWORK = """
@@ -85,7 +89,7 @@ def others(folder: Path) -> bool:
     night = {"name": "nightly", "config": str(tiny_config), **place}
     weekly = {"name": "weekly", "config": str(tiny_config), "iterations": 40, **place}
     training = {"folder": str(folder / "network"), "config": str(network), **place}
-    requests = [
+    requests: list[tuple[str, dict[str, Any], int]] = [
         ("nightly/quick", {**night, "gate": {"baseline": str(baseline)}}, 0),
         ("gate/on-request", {"benchmark": "nightly", "baseline": str(better), **place}, 1),
         ("grid/weekly", weekly, 0),
@@ -98,7 +102,7 @@ def others(folder: Path) -> bool:
     return all(ended) and report.is_file() and onnx.is_file()
 
 
-def _requested(name: str, parameters: dict[str, object], expected: int) -> bool:
+def _requested(name: str, parameters: dict[str, Any], expected: int) -> bool:
     """Run a deployment to its end; return whether its exit code is the expected one."""
     command = [sys.executable, "-m", "prefect", "--no-prompt", "deployment", "run", name]
     command += ["--params", json.dumps({"settings": parameters}), "--watch"]
@@ -168,7 +172,7 @@ def _started(*arguments: str, log: Path) -> Iterator[None]:
 def _wait_for_scheduled(folder: Path) -> str:
     """Make the nightly grid tiny and due soon; return how the run ended that the scheduler made."""
     from prefect.client.orchestration import get_client
-    from prefect.client.schemas.actions import DeploymentUpdate
+    from prefect.client.schemas.actions import DeploymentScheduleCreate, DeploymentUpdate
     from prefect.client.schemas.schedules import IntervalSchedule
     from prefect.settings import PREFECT_API_URL, temporary_settings
 
@@ -189,7 +193,8 @@ def _wait_for_scheduled(folder: Path) -> str:
         schedule = IntervalSchedule(
             interval=timedelta(days=1), anchor_date=datetime.now(UTC) + SOON
         )
-        client.create_deployment_schedules(deployment.id, [(schedule, True)])
+        soon = DeploymentScheduleCreate(schedule=schedule, active=True)
+        client.create_deployment_schedules(deployment.id, [soon])
         last_kind = ""
         while time.monotonic() < end:
             for run in client.read_flow_runs(limit=50):
@@ -212,11 +217,11 @@ def _wait_for_scheduled(folder: Path) -> str:
     return "did not end"
 
 
-def _found(client: object, end: float) -> object:
+def _found(client: "SyncPrefectClient", end: float) -> "DeploymentResponse":
     """Return the deployment as soon as the server has it."""
     while True:
         try:
-            return client.read_deployment_by_name(DEPLOYMENT)  # type: ignore[attr-defined]
+            return client.read_deployment_by_name(DEPLOYMENT)
         except Exception:
             if time.monotonic() > end:
                 raise

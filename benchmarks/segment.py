@@ -124,7 +124,7 @@ def masks_of(
     capture: PreparedCapture, kinds: list[str], folder: Path, threads: int, model: Path | None
 ) -> dict[str, Masks]:
     """Make the asked-for kinds of masks; ``delivered`` needs the network's own."""
-    made = {}
+    made: dict[str, Masks] = {}
     for kind in dict.fromkeys(["alone", *kinds] if DELIVERED in kinds else kinds):
         out = folder / f"{capture.name}-{kind}"
         if kind == DELIVERED:

@@ -12,14 +12,14 @@ from collections import defaultdict
 from pathlib import Path
 from statistics import median
 
-STAGES = ("prepare", "segment", "sfm", "train", "truth", "evaluate", "measure")
+STAGES = ("prepare", "segment", "sfm", "agree", "train", "truth", "evaluate", "measure")
 
 
 def main() -> None:
     """Print one line per stage."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("out", type=Path, nargs="+")
-    found = defaultdict(list)
+    found: dict[str, list[tuple[float, float, int]]] = defaultdict(list)
     for out in parser.parse_args().out:
         for path in sorted((out / "store").glob("*/*/manifest.json")):
             manifest = json.loads(path.read_text(encoding="utf-8"))
@@ -31,7 +31,7 @@ def main() -> None:
     for stage in STAGES:
         if stage not in found:
             continue
-        seconds, sizes, files = zip(*found[stage], strict=True)
+        seconds, sizes, files = (list(column) for column in zip(*found[stage], strict=True))
         cells = [f"{median(seconds):.1f}", f"{max(seconds):.1f}"]
         cells += [f"{median(sizes):.1f}", f"{max(sizes):.1f}", f"{median(files):.0f}"]
         print(f"| {stage} | {len(seconds)} | {' | '.join(cells)} |")

@@ -37,7 +37,6 @@ WORKERS = ("worker-a", "worker-b")
 NAMES = ("flow", *WORKERS)
 START_SECONDS = 180.0
 BUCKET = "mattgs"
-QUIET = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
 
 
 def main() -> None:
@@ -172,7 +171,7 @@ def free_port() -> int:
 def _without(hidden: list[Path], command: list[str]) -> list[str]:
     """Return the command such that it sees empty folders in place of ``hidden``, if possible."""
     try:
-        subprocess.run(["unshare", "--mount", "true"], check=True, **QUIET)
+        subprocess.run(["unshare", "--mount", "true"], check=True, capture_output=True)
     except (OSError, subprocess.CalledProcessError):
         print("(folders are separate, but not hidden: no right to mount)")
         return command
@@ -238,22 +237,24 @@ def _print_stages(folder: Path, trainings: int) -> bool:
 
     from tasks.registry import runs
 
-    print("| machine | prepare | segment | sfm | train | truth | evaluate | measure |")
-    print("|---|--:|--:|--:|--:|--:|--:|--:|")
-    stages = ("prepare", "segment", "sfm", "train", "truth", "evaluate", "measure")
+    stages = ("prepare", "segment", "sfm", "agree", "train", "truth", "evaluate", "measure")
+    print(f"| machine | {' | '.join(stages)} |")
+    print("|---" + "|--:" * len(stages) + "|")
     for name in NAMES:
         counts = [len(list((folder / name).glob(f"logs/{stage}-*.log"))) for stage in stages]
         print(f"| {name} | {' | '.join(str(count) for count in counts)} |")
     files = fsspec.filesystem("s3", use_listings_cache=False)
     found = files.du(f"{BUCKET}/store", total=False)
     manifests = sum(path.endswith("/manifest.json") for path in found)
-    runs = runs.rows(os.environ["MLFLOW_TRACKING_URI"], NAME)
+    recorded = runs.rows(os.environ["MLFLOW_TRACKING_URI"], NAME)
     rows = json.loads(_rows_file(folder).read_text(encoding="utf-8"))
     print(f"\nObject store: {manifests} artifacts, {len(found)} objects, ", end="")
-    print(f"{sum(found.values()) / 1e6:.1f} MB; MLflow: {len(runs)} runs")
+    print(f"{sum(found.values()) / 1e6:.1f} MB; MLflow: {len(recorded)} runs")
     trained = [len(list((folder / name).glob("logs/train-*.log"))) for name in WORKERS]
     finished = [row for row in rows if row["status"] == "finished"]
-    return all(trained) and sum(trained) == trainings and len(finished) == len(rows) == len(runs)
+    return (
+        all(trained) and sum(trained) == trainings and len(finished) == len(rows) == len(recorded)
+    )
 
 
 def _resumed(folder: Path, lost: str) -> bool:

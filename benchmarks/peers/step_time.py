@@ -33,8 +33,8 @@ Seconds = tuple[float, float]  # wall, CPU
 
 def theirs(program: Path, data: Path, out: Path, threads: int) -> Seconds:
     """Return what a step of OpenSplat takes."""
-    command = [program, data, "--cpu", "--keep-crs", "--num-downscales", "0"]
-    command += ["-n", str(OPENSPLAT_STEPS), "-o", out / "splats.ply"]
+    command = [str(program), str(data), "--cpu", "--keep-crs", "--num-downscales", "0"]
+    command += ["-n", str(OPENSPLAT_STEPS), "-o", str(out / "splats.ply")]
     environment = os.environ | {"OMP_NUM_THREADS": str(threads)}
     clocks = {}
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as process:

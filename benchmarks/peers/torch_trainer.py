@@ -87,7 +87,8 @@ def draw(splats: dict[str, Tensor], view: View) -> Tensor:
         sh_degree=0,
         backgrounds=torch.ones(1, 3),
     )
-    return image[0]
+    shown: Tensor = image[0]
+    return shown
 
 
 def loss_of(image: Tensor, photo: Tensor) -> Tensor:
@@ -115,7 +116,7 @@ def train(data: Path, output: Path, iterations: int, seed: int) -> None:
     for step, view in zip(range(1, iterations + 1), in_turns(views, seed), strict=False):
         loss = loss_of(draw(splats, view), view.photo)
         optimiser.zero_grad()
-        loss.backward()
+        torch.autograd.backward(loss)
         optimiser.step()
         falling.step()
         if step % 10 == 0:

@@ -18,8 +18,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from modes import prepared
-
+from benchmarks.sfm.modes import prepared
 from mattgs_ops import sfm
 from mattgs_ops.capture.camera import Camera
 from mattgs_ops.capture.formats.colmap_model import read_model

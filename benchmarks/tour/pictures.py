@@ -3,7 +3,6 @@
 import base64
 import io
 import json
-import sys
 import time
 import urllib.request
 from pathlib import Path
@@ -11,7 +10,6 @@ from typing import Any
 
 from PIL import Image
 
-sys.path.append(str(Path(__file__).resolve().parents[2]))
 from tests.reports.chromium import CHROMIUM, Page, chromium
 
 WINDOW, SHOWN = (1600, 900), (1280, 720)

@@ -25,10 +25,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import yaml
-from pictures import take  # beside this file
 from PIL import Image
 
 import mattgs_ops
+from benchmarks.tour.pictures import take
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "tour.md"
 BUNDLED = Path(mattgs_ops.__file__).parent / "bundled" / "lattepanda" / "images"

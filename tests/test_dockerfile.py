@@ -53,7 +53,7 @@ def test_an_images_deployments_are_the_same_ones_and_load_without_a_file(
     for entry, one in zip(content["deployments"], DEPLOYMENTS, strict=True):
         image = entry["work_pool"]["job_variables"]["image"]
         assert image == "registry.lab/mattgs-bench:0.1.0"
-        loaded = load_flow_from_entrypoint(entry["entrypoint"])
+        loaded: Flow[..., Any] = load_flow_from_entrypoint(entry["entrypoint"])
         assert isinstance(loaded, Flow)
         assert f"{loaded.name}/{entry['name']}" == str(one)
         loaded.validate_parameters(entry["parameters"])

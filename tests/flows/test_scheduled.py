@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 import yaml
+from prefect import Flow
 from prefect.client.orchestration import SyncPrefectClient, get_client
 from prefect.client.schemas.schedules import CronSchedule
 from prefect.exceptions import PrefectHTTPStatusError
@@ -38,7 +39,7 @@ def test_each_deployment_can_be_loaded_and_takes_its_parameters(
     entry: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(ROOT)
-    flow = load_flow_from_entrypoint(entry["entrypoint"])
+    flow: Flow[..., Any] = load_flow_from_entrypoint(entry["entrypoint"])
     flow.validate_parameters(entry["parameters"])
     for schedule in entry.get("schedules", []):
         CronSchedule(cron=schedule["cron"], timezone="UTC")
@@ -59,6 +60,7 @@ def client(
 def settings_of(client: SyncPrefectClient, name: str) -> dict[str, Any]:
     """Return the fields of a deployment's form."""
     schema = client.read_deployment_by_name(name).parameter_openapi_schema
+    assert schema is not None
     reference = schema["properties"]["settings"]["$ref"].rpartition("/")[2]
     return dict(schema["definitions"][reference]["properties"])
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mattgs_ops import sfm
 from mattgs_ops.capture.camera import Camera, Intrinsics
-from mattgs_ops.capture.scene import PreparedCapture, Scene, View
+from mattgs_ops.capture.scene import PreparedCapture, Scene, Split, View
 from mattgs_ops.config import SfmConfig
 
 VIEWS, WIDTH, HEIGHT, FOCAL = 9, 240, 180, 260.0
@@ -62,7 +62,7 @@ def cast(
     nearest = np.full(u.shape, np.inf)
     mask = np.zeros(u.shape, dtype=np.uint8)
     centre = np.array([0, 0, HALF[2]])
-    faces = [(2, 0.0, None)]
+    faces: list[tuple[int, float, np.ndarray | None]] = [(2, 0.0, None)]
     faces += [(a, centre[a] + s * HALF[a], HALF) for a in range(3) for s in (-1, 1)]
     for texture, (axis, level, half) in zip(textures, faces, strict=True):
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -106,7 +106,7 @@ def photographed(folder: Path, seed: int) -> PreparedCapture:
         image, cut = cast(camera, textures)
         cv2.imwrite(str(photo), image)
         cv2.imwrite(str(mask), cut)
-        split = "test" if k % 8 == 0 else "train"
+        split: Split = "test" if k % 8 == 0 else "train"
         views.append(View(name, split, WIDTH, HEIGHT, photo, mask, camera))
     capture = PreparedCapture("box", folder, tuple(views), "truth", "truth")
     capture.save()

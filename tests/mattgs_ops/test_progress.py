@@ -1,8 +1,9 @@
 """Reports come often; who writes or sends them lets few through."""
 
+import time
+
 import pytest
 
-from mattgs_ops import progress
 from mattgs_ops.progress import Throttle
 
 
@@ -10,7 +11,7 @@ def test_few_reports_pass_but_always_the_first_and_the_last(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     now = 0.0
-    monkeypatch.setattr(progress.time, "monotonic", lambda: now)
+    monkeypatch.setattr(time, "monotonic", lambda: now)
     throttle = Throttle(5.0)
     passed = []
     for done in range(1, 13):

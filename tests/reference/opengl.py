@@ -10,4 +10,4 @@ def to_opengl(
     """Turn world-to-camera R [3, 3] and t [3] (x right, y down, z forward) into a matrix [4, 4]."""
     world_to_camera = np.eye(4)
     world_to_camera[:3, :3], world_to_camera[:3, 3] = rotation, translation
-    return np.linalg.inv(world_to_camera) @ np.diag([1.0, -1.0, -1.0, 1.0])
+    return np.asarray(np.linalg.inv(world_to_camera) @ np.diag([1.0, -1, -1, 1]), np.float64)

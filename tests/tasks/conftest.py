@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from mattgs_ops.capture.camera import Camera, Intrinsics
-from mattgs_ops.capture.scene import Scene, SparsePoints, View
+from mattgs_ops.capture.scene import Scene, SparsePoints, Split, View
 from mattgs_ops.config import BenchmarkConfig, RunConfig
 from mattgs_ops.splat.gaussians import Splats
 from mattgs_ops.splat.rasterize import render
@@ -80,7 +80,7 @@ def _write_scene(folder: Path) -> None:
         inside = np.where(shot.alpha.numpy() > 0.5, 255, 0).astype(np.uint8)
         cv2.imwrite(str(folder / "photos" / file), pixels[:, :, ::-1])
         cv2.imwrite(str(folder / "masks" / file), inside)
-        split = "train" if index % 8 else "test"
+        split: Split = "train" if index % 8 else "test"
         paths = folder / "photos" / file, folder / "masks" / file
         views.append(View(f"{index:02d}.jpg", split, SIZE, SIZE, *paths, camera))
     rgb = np.clip((cloud.sh_dc.numpy() * 0.28 + 0.5) * 255, 0, 255).astype(np.uint8)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -63,7 +64,8 @@ def test_a_training_that_comes_to_other_splats_is_told(
 
 
 def test_a_row_says_where_its_speed_was_measured() -> None:
-    row = {"metrics": {"psnr": 20.0, "time": 3.0}, "provenance": {"cpu": "A", "threads": 1}}
+    row: dict[str, Any] = {"metrics": {"psnr": 20.0, "time": 3.0}}
+    row["provenance"] = {"cpu": "A", "threads": 1}
     assert with_speed(row, None) == row
     found = with_speed(row, Speed({"fps": 50.0}, {"cpu": "B"}, []))
     assert found["metrics"] == {"psnr": 20.0, "time": 3.0, "fps": 50.0}

@@ -79,7 +79,13 @@ def put(place: Place, stage: str, files: dict[str, Any]) -> Artifact:
 
 @pytest.mark.parametrize("doubtful", [True, False])
 def test_lost_views_and_unlike_exposures_travel_with_the_row(place: Place, doubtful: bool) -> None:
-    masks = {"source": "u2net", "refine": "none", "model": None, "views": [], "mean_iou": None}
+    masks: dict[str, Any] = {
+        "source": "u2net",
+        "refine": "none",
+        "model": None,
+        "views": [],
+        "mean_iou": None,
+    }
     extra = {"warnings": ["only 9 of 14 views have a camera"], "poses_in_doubt": doubtful}
     artifacts = {
         "segment": put(place, "segment", {"masks.json": masks}),

@@ -53,7 +53,7 @@ def asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Asked:
                 stage.name, str(key), sha256(str(key).encode()).hexdigest(), 1.0, cached=False
             )
             if stage.name == "measure":
-                nothing = {"metrics": {}, "machine": {}, "laps": []}
+                nothing: dict[str, Any] = {"metrics": {}, "machine": {}, "laps": []}
                 speeds = {job["label"]: nothing for job in stage.arguments["jobs"]}
                 place.folder(made).mkdir(parents=True, exist_ok=True)
                 (place.folder(made) / measure.SPEED_FILE).write_text(json.dumps(speeds))

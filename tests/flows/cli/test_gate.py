@@ -155,8 +155,8 @@ def test_the_self_check_runs_twice_and_tells_rates(
         return True
 
     monkeypatch.setattr(gate_self_check, "run_benchmark", run_benchmark)
-    arguments = ["--self-check", "--config", CONFIG, "--comparisons", "10", "--out", tmp_path]
-    done = mattgs("gate", *arguments)
+    options = "--config", CONFIG, "--comparisons", "10", "--out", tmp_path
+    done = mattgs("gate", "--self-check", *options)
     assert len(set(places)) == 2, "nothing shared, or the second run would be the first"
     assert "| 10 | 0.0% |" in done.output
     assert done.exit_code in (0, 1)

@@ -5,8 +5,9 @@ from typing import Any
 
 import pytest
 
-from flows.cli.options import benchmark_config, capture_name, numbers, size, words
+from flows.cli.options import benchmark_config, numbers, size, words
 from mattgs_ops.errors import InputError
+from mattgs_ops.naming import capture_name
 
 
 def test_without_options_the_bundled_captures_run_under_all_conditions_the_papers_first() -> None:

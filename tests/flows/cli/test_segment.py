@@ -76,7 +76,7 @@ def test_an_outline_that_was_trained_can_be_asked(tmp_path: Path) -> None:
     mask = np.zeros((40, 50), np.uint8)
     mask[10:30, 10:30] = 255
     photo = np.repeat(mask[..., None], 3, axis=2)
-    soft = mask.astype(np.float32) / 255
+    soft = mask.astype(np.float32) / np.float32(255)
     refined = OutlineRefiner(folder / "outline.onnx").refine(photo, soft, mask)
     assert np.array_equal(refined, mask), "two steps from giving the map back"
 

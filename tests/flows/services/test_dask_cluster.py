@@ -15,9 +15,10 @@ import pytest
 from distributed import Client, LocalCluster
 from distributed.security import Security
 
-from flows.services.dask_cluster import CERTIFICATES, PACKAGE, needed, started, worker_count
+from flows.services.dask_cluster import CERTIFICATES, needed, started, worker_count
 from mattgs_ops.config import RunConfig
 from mattgs_ops.errors import InputError, StageError
+from tasks.stages.stage import PACKAGE
 from tests.flows.certificates import make_certificates
 
 START_SECONDS = 90.0

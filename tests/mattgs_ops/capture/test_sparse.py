@@ -9,6 +9,7 @@ from plyfile import PlyData
 from mattgs_ops.capture import sparse
 from mattgs_ops.capture.camera import Camera
 from mattgs_ops.capture.formats.colmap_cameras import ColmapCamera
+from mattgs_ops.capture.scene import SparsePoints
 from mattgs_ops.capture.sparse import SparseImage, SparseModel
 from tests.mattgs_ops.capture.conftest import SPARSE_INTRINSICS, SPARSE_SIZE
 
@@ -60,7 +61,7 @@ def test_points_are_written_as_a_ply_that_others_read(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     xyz, rgb = rng.normal(size=(7, 3)), rng.integers(0, 256, (7, 3), dtype=np.uint8)
     share = rng.random(7).astype(np.float32)
-    points = sparse.SparsePoints(xyz, rgb, share, np.ones(7, dtype=np.int32))
+    points = SparsePoints(xyz, rgb, share, np.ones(7, dtype=np.int32))
     sparse.write_ply(points, tmp_path / "p.ply")
     read = PlyData.read(tmp_path / "p.ply")["vertex"]
     assert np.array_equal(np.stack([read[k] for k in "xyz"], 1), xyz.astype(np.float32))

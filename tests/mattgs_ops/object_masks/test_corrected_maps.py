@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from mattgs_ops.capture.masks import SoftMap
-from mattgs_ops.object_masks.corrected_maps import averaged, corrected, resized, unless
+from mattgs_ops.object_masks.corrected_maps import averaged, corrected, unless
+from mattgs_ops.object_masks.silhouettes import resized
 
 
 def _even(value: float) -> SoftMap:

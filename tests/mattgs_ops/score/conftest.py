@@ -10,7 +10,7 @@ import torch
 from PIL import Image
 
 from mattgs_ops.capture.camera import Camera, Intrinsics
-from mattgs_ops.capture.scene import Scene, SparsePoints, View
+from mattgs_ops.capture.scene import Scene, SparsePoints, Split, View
 from mattgs_ops.config import Condition
 from mattgs_ops.splat.files.ply import write_ply
 from mattgs_ops.splat.gaussians import Splats
@@ -59,7 +59,7 @@ def scene(tmp_path: Path) -> Scene:
         photo, mask = folder / "photos" / f"{name}.png", folder / "masks" / f"{name}.png"
         Image.fromarray(picture(shot.image)).save(photo)
         Image.fromarray(np.where(shot.alpha.numpy() > 0.5, 255, 0).astype(np.uint8)).save(mask)
-        split = "test" if index % 8 == 0 else "train"
+        split: Split = "test" if index % 8 == 0 else "train"
         views.append(View(name, split, WIDTH, HEIGHT, photo, mask, camera(index)))
     made = Scene("ball", folder, tuple(views), {})
     made.save(

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -81,7 +82,8 @@ def test_the_view_with_the_cloud_is_the_one_that_scores_say(scene: Scene, tmp_pa
     assert clear["mask_haze"] < 0.1 < hazy["mask_haze"]
     assert hazy["mask_psnr"] < clear["mask_psnr"] - 3
     few = replace(scene, extra={})
-    np.savez(scene.folder / "points.npz", **{k: v[:50] for k, v in _arrays(scene).items()})
+    few_points: dict[str, Any] = {k: v[:50] for k, v in _arrays(scene).items()}
+    np.savez(scene.folder / "points.npz", **few_points)
     render_views(few, tmp_path / "hazy.ply", ORIGINAL, WIDTH, tmp_path / "few")
     assert "haze" not in score(tmp_path / "few")["metrics"]
 

@@ -65,13 +65,13 @@ def slow(network: nn.Sequential, ends: tuple[int, ...], weights: dict[str, torch
     for number, (ours, theirs) in enumerate(zip(*layers, strict=True)):
         weight = weights[f"lin{number}.model.1.weight"].numpy()[0, :, 0, 0]
         _, height, width = ours.shape
-        values = []
+        distances = []
         for y in range(height):
             for x in range(width):
                 a, b = ours[:, y, x], theirs[:, y, x]
                 difference = a / np.linalg.norm(a) - b / np.linalg.norm(b)
-                values.append(float((weight * difference**2).sum()))
-        total += float(np.mean(values))
+                distances.append(float((weight * difference**2).sum()))
+        total += float(np.mean(distances))
     return total
 
 

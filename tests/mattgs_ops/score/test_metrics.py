@@ -14,6 +14,13 @@ TRUTH = RNG.random((24, 30, 3))
 IMAGE = np.clip(TRUTH + 0.1 * RNG.normal(size=TRUTH.shape), 0, 1)
 
 
+def scored(*pictures: np.ndarray) -> dict[str, float]:
+    """Return the scores of an image, its truth, mask and ids that have a value."""
+    image, truth, mask, ids = pictures
+    scores = metrics.score_view(image, truth, mask, ids, 0.2)
+    return {name: value for name, value in scores.items() if value is not None}
+
+
 def disc(radius: float, height: int = 40, width: int = 48) -> np.ndarray:
     y, x = np.mgrid[:height, :width]
     return (x - width / 2) ** 2 + (y - height / 2) ** 2 < radius**2
@@ -128,15 +135,17 @@ def test_a_removed_background_does_not_change_scores_in_the_mask() -> None:
     white_image, white_truth = image.copy(), truth.copy()
     white_image[outside], white_truth[outside] = 1, 1
     nothing = np.zeros(mask.shape)
-    kept = metrics.score_view(image, truth, mask, nothing, 0.2)
-    removed = metrics.score_view(white_image, white_truth, mask, nothing, 0.2)
+    kept = scored(image, truth, mask, nothing)
+    removed = scored(white_image, white_truth, mask, nothing)
     for part in metric_table.PARTS:
         for name in ("psnr", "l1"):
             assert removed[f"{part}_{name}"] == pytest.approx(kept[f"{part}_{name}"])
     assert removed["core_ssim"] == pytest.approx(kept["core_ssim"])
     # windows of the rim see what stands beside it
     assert abs(removed["rim_ssim"] - kept["rim_ssim"]) > 0.01
-    gain = metrics.psnr(white_image, white_truth) - metrics.mask_psnr(image, truth, mask)
+    in_mask = metrics.mask_psnr(image, truth, mask)
+    assert in_mask is not None
+    gain = metrics.psnr(white_image, white_truth) - in_mask
     assert gain == pytest.approx(-10 * np.log10(mask.mean()), abs=1e-6)
 
 
@@ -185,7 +194,7 @@ def test_an_error_is_scored_in_the_part_where_it_is() -> None:
     for spoilt, kept in (("core", "rim"), ("rim", "core")):
         image = truth.copy()
         image[parts[spoilt]] = 1 - image[parts[spoilt]]
-        scores = metrics.score_view(image, truth, mask, nothing, 0.2)
+        scores = scored(image, truth, mask, nothing)
         assert scores[f"{kept}_psnr"] == metrics.PSNR_CEILING
         assert scores[f"{spoilt}_psnr"] < scores["mask_psnr"] < 20
         assert scores[f"{spoilt}_ssim"] < scores[f"{kept}_ssim"]

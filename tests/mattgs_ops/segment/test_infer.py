@@ -2,6 +2,7 @@
 
 import warnings
 from pathlib import Path
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -19,6 +20,7 @@ from mattgs_ops.segment.network.preprocess import IMAGENET_DEVIATION, IMAGENET_M
 from mattgs_ops.segment.network.saliency import BUNDLED_MODEL, SaliencyNetwork, stretched
 
 WIDTH, HEIGHT = 96, 72
+MasksAre = Literal["alpha", "given", "truth", "none"]
 
 
 class Redness(nn.Module):
@@ -56,7 +58,7 @@ def redness(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return exported(Redness(), tmp_path_factory.mktemp("onnx") / "red.onnx", (1, 3, 40, 48))
 
 
-def capture(folder: Path, masks_are: str = "truth", views: int = 3) -> PreparedCapture:
+def capture(folder: Path, masks_are: MasksAre = "truth", views: int = 3) -> PreparedCapture:
     """Red discs on a blue-green ground, with their masks."""
     rows = []
     for i in range(views):
@@ -70,11 +72,14 @@ def capture(folder: Path, masks_are: str = "truth", views: int = 3) -> PreparedC
         cv2.imwrite(str(mask_path), mask)
         given = mask_path if masks_are != "none" else None
         rows.append(View(f"v{i}.jpg", "train", WIDTH, HEIGHT, photo, given, None))
-    return PreparedCapture("discs", folder, tuple(rows), masks_are, "none")  # type: ignore[arg-type]
+    return PreparedCapture("discs", folder, tuple(rows), masks_are, "none")
 
 
 def masks_in(folder: Path) -> dict[str, np.ndarray]:
-    return {p.name: cv2.imread(str(p), cv2.IMREAD_UNCHANGED) for p in sorted(folder.iterdir())}
+    return {
+        p.name: np.asarray(cv2.imread(str(p), cv2.IMREAD_UNCHANGED))
+        for p in sorted(folder.iterdir())
+    }
 
 
 def test_a_network_cuts_every_photo_out(tmp_path: Path, redness: Path) -> None:
@@ -137,7 +142,7 @@ def test_fixed_batches_are_filled_up(tmp_path: Path) -> None:
 def test_grabcut_alone_and_as_refinement(tmp_path: Path, redness: Path, refine: str) -> None:
     source = capture(tmp_path / "in", views=1)
     alone = SegmentConfig(source="grabcut")
-    seeded = SegmentConfig(model=redness, refine=refine)  # type: ignore[arg-type]
+    seeded = SegmentConfig(model=redness, refine=refine)
     for i, settings in enumerate((alone, seeded)):
         report = segment(source, settings, tmp_path / f"out{i}")
         assert report.mean_iou is not None
@@ -145,12 +150,13 @@ def test_grabcut_alone_and_as_refinement(tmp_path: Path, redness: Path, refine: 
 
 
 @pytest.mark.parametrize("masks_are", ["given", "alpha"])
-def test_masks_that_came_along_are_used_as_they_are(tmp_path: Path, masks_are: str) -> None:
+def test_masks_that_came_along_are_used_as_they_are(tmp_path: Path, masks_are: MasksAre) -> None:
     source = capture(tmp_path / "in", masks_are)
     report = segment(source, SegmentConfig(), tmp_path / "out")
     assert (report.source, report.model, report.mean_iou) == ("given", None, None)
     for view, mask in zip(source.views, masks_in(tmp_path / "out/masks").values(), strict=True):
-        assert np.array_equal(mask, cv2.imread(str(view.mask), cv2.IMREAD_UNCHANGED))
+        given = np.asarray(cv2.imread(str(view.mask), cv2.IMREAD_UNCHANGED))
+        assert np.array_equal(mask, given)
 
 
 def test_true_masks_are_used_only_when_asked_for(tmp_path: Path, redness: Path) -> None:

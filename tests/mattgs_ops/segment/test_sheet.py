@@ -20,11 +20,11 @@ def scene(tmp_path: Path) -> Scene:
     folder = tmp_path / "scene"
     views = []
     for index in range(VIEWS):
-        places = [folder / kind / f"{index:02d}.jpg.png" for kind in ("photos", "masks")]
-        for place, shape in zip(places, ((*SIZE[::-1], 3), SIZE[::-1]), strict=True):
+        photo, mask = (folder / kind / f"{index:02d}.jpg.png" for kind in ("photos", "masks"))
+        for place, shape in ((photo, (*SIZE[::-1], 3)), (mask, SIZE[::-1])):
             place.parent.mkdir(parents=True, exist_ok=True)
             cv2.imwrite(str(place), rng.integers(0, 256, shape, dtype=np.uint8))
-        views.append(View(f"{index:02d}.jpg", "train", *SIZE, *places, None))
+        views.append(View(f"{index:02d}.jpg", "train", *SIZE, photo, mask, None))
     found = Scene("ball", folder, tuple(views), {})
     none = np.zeros((0, 3))
     found.save(SparsePoints(none, none.astype(np.uint8), np.zeros(0, np.float32), np.zeros(0, int)))

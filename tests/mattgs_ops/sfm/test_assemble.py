@@ -73,7 +73,7 @@ def test_dots_photos_masks_and_key_points_move_together(
         for path in (view.photo, view.mask, view.ids, *soft):
             assert path is not None
             assert path.is_relative_to(tmp_path / "out")
-            picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE).astype(float)
+            picture = np.asarray(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), dtype=float)
             v, u = np.indices(picture.shape) + 0.5
             centre = [(u * picture).sum(), (v * picture).sum()] / picture.sum()
             # ids are whole numbers: each pixel is its nearest neighbour's

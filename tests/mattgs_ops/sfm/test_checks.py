@@ -37,12 +37,12 @@ def test_a_missing_mask_is_named(copied: Copy) -> None:
 
 
 def damage_half_size(path: Path) -> None:
-    mask = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    mask = np.array(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE))
     cv2.imwrite(str(path), mask[::2, ::2])
 
 
 def damage_grey_values(path: Path) -> None:
-    mask = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    mask = np.array(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE))
     mask[5, 5] = 1  # COLMAP takes anything but 0 for the object
     cv2.imwrite(str(path), mask)
 

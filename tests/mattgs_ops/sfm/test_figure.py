@@ -67,7 +67,7 @@ def test_the_picture_is_drawn_the_same_each_time(scene: Scene, tmp_path: Path) -
     figure.draw(scene, tmp_path / "a.png")
     figure.draw(scene, tmp_path / "b.png")
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
-    picture = cv2.imread(str(tmp_path / "a.png"))
+    picture = np.asarray(cv2.imread(str(tmp_path / "a.png")))
     assert picture.shape[1] > 4 * picture.shape[0]  # five panels in a row
     figure.draw(scene, tmp_path / "c.png", view="0.jpg")
     assert (tmp_path / "c.png").read_bytes() != (tmp_path / "a.png").read_bytes()

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from mattgs_ops.capture.camera import Camera, Intrinsics
-from mattgs_ops.capture.scene import Scene, SparsePoints, View
+from mattgs_ops.capture.scene import Scene, SparsePoints, Split, View
 from mattgs_ops.splat.gaussians import Splats
 from mattgs_ops.splat.rasterize import render
 
@@ -75,7 +75,7 @@ def tiny_scene(tmp_path: Path) -> Scene:
         pixels = (shot.image.clamp(0, 1) * 255).round().to(torch.uint8).numpy()
         cv2.imwrite(str(photo), pixels[:, :, ::-1])
         cv2.imwrite(str(mask), np.where(shot.alpha.numpy() > 0.5, 255, 0).astype(np.uint8))
-        split = "test" if index % 8 == 0 else "train"
+        split: Split = "test" if index % 8 == 0 else "train"
         views.append(View(name, split, WIDTH, HEIGHT, photo, mask, camera))
     rng = np.random.default_rng(2)
     near = truth.means.numpy().astype(np.float64) + rng.normal(0, 0.02, (150, 3))

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -19,6 +20,7 @@ from mattgs_ops.splat.exposure import (
     exposure_rate,
 )
 from mattgs_ops.splat.files.ply import read_ply
+from mattgs_ops.splat.gaussians import Splats
 from mattgs_ops.splat.photos import load_view
 from mattgs_ops.splat.rasterize import Rendering
 from mattgs_ops.splat.render import render_view
@@ -35,7 +37,7 @@ def drawn(seed: int = 0) -> tuple[Exposures, Rendering]:
     exposures.matrices += 0.2 * torch.randn(3, 3, 4, generator=generator)
     image, alpha = (torch.rand(*s, generator=generator) for s in ((*SHAPE, 3), SHAPE))
     nothing = torch.zeros(0)
-    return exposures, Rendering(image, alpha, nothing, nothing, None, None)  # type: ignore[arg-type]
+    return exposures, Rendering(image, alpha, nothing, nothing, Splats.zeros(0), None)
 
 
 def test_gradients_are_autograds() -> None:
@@ -72,9 +74,10 @@ def test_a_background_stays_what_it_is() -> None:
     white = Rendering(
         torch.ones(*SHAPE, 3),
         torch.zeros(*SHAPE),
-        *([torch.zeros(0)] * 2),
+        torch.zeros(0),
+        torch.zeros(0),
+        Splats.zeros(0),
         None,
-        None,  # type: ignore[arg-type]
     )
     np.testing.assert_allclose(exposures.apply(0, white, (1.0, 1.0, 1.0)), 1, atol=1e-6)
 
@@ -127,10 +130,10 @@ def residual(scene: Scene, folder: Path) -> float:
 def test_photos_of_two_exposures_are_told_apart(tiny_scene: Scene, tmp_path: Path) -> None:
     darken(tiny_scene)
     for mode in ("affine", "off"):
-        config = TrainConfig(exposure=mode)  # type: ignore[arg-type]
-        options = {"iterations": 300, "resolution": 48, "seed": 0}
+        config = TrainConfig(exposure=mode)
+        options: dict[str, Any] = {"iterations": 300, "resolution": 48, "seed": 0}
         condition, method = Condition.parse("nobg-3dgs"), METHODS["3dgs"]
-        train(tiny_scene, condition, method, config, out=tmp_path / mode, **options)  # type: ignore[arg-type]
+        train(tiny_scene, condition, method, config, out=tmp_path / mode, **options)
     assert not (tmp_path / "off" / "exposures.json").exists()
     found = json.loads((tmp_path / "affine" / "exposures.json").read_text())
     names = [view.name for view in tiny_scene.registered("train")]

@@ -22,8 +22,8 @@ def view(tiny_scene: Scene) -> View:
 
 
 def read(view: View) -> tuple[np.ndarray, np.ndarray]:
-    photo = cv2.imread(str(view.photo))[:, :, ::-1].astype(np.float64) / 255
-    mask = cv2.imread(str(view.mask), cv2.IMREAD_GRAYSCALE).astype(np.float64) / 255
+    photo = np.asarray(cv2.imread(str(view.photo)), dtype=np.float64)[:, :, ::-1] / 255
+    mask = np.asarray(cv2.imread(str(view.mask), cv2.IMREAD_GRAYSCALE), dtype=np.float64) / 255
     return photo, mask
 
 

@@ -228,7 +228,7 @@ def test_wrong_shapes_and_types_are_named(field: str) -> None:
 )
 def test_cameras_without_an_image_are_refused(change: dict[str, float], message: str) -> None:
     view = camera()
-    intrinsics = Intrinsics(**{**vars(view.intrinsics), **change})  # type: ignore[arg-type]
+    intrinsics = Intrinsics(**{**vars(view.intrinsics), **change})
     with pytest.raises(InputError, match=message):
         render(random_splats(), replace(view, intrinsics=intrinsics), BACKGROUND)
 

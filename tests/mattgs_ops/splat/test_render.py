@@ -36,10 +36,10 @@ def test_views_are_timed_in_turn_and_the_warm_up_does_not_count(
     """A clock that renderings alone advance: 10 ms for the first view, 30 ms for the second."""
     now, rendered = [0.0], []
 
-    def slow(splats: Splats, camera: Camera, *colour: object, **options: Any) -> Rendering:
+    def slow(splats: Splats, camera: Camera, *rest: Any, **options: Any) -> Rendering:
         rendered.append(camera)
         now[0] += 0.01 if camera is cameras[0] else 0.03
-        return render(splats, camera, *colour, **options)
+        return render(splats, camera, *rest, **options)
 
     cameras = make_cameras(2, 8, 8)
     monkeypatch.setattr(render_module, "render", slow)

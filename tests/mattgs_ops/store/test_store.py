@@ -34,7 +34,8 @@ def make(store: Store, text: str = "result", **extra: Any) -> Path:
 
 
 def test_keys_see_every_part_and_no_order() -> None:
-    base = {"stage": "train", "code_version": "c", "params": {"a": 1, "b": 2}, "inputs": {"x": "y"}}
+    base: dict[str, Any] = {"stage": "train", "code_version": "c"}
+    base |= {"params": {"a": 1, "b": 2}, "inputs": {"x": "y"}}
     changes: list[dict[str, Any]] = [
         {"stage": "sfm"},
         {"code_version": "d"},

@@ -108,7 +108,7 @@ def test_small_structures_lie_on_the_object_in_every_test_view(folder: Path) -> 
 def test_the_surroundings_hold_more_features_than_the_object(folder: Path) -> None:
     name = "0024.jpg"
     grey = cv2.imread(str(folder / "images" / name), cv2.IMREAD_GRAYSCALE)
-    points = np.array([k.pt for k in cv2.SIFT_create().detect(grey)]).astype(int)
+    points = np.array([k.pt for k in cv2.SIFT.create().detect(grey)]).astype(int)
     inside = masks(folder)[name][points[:, 1], points[:, 0]] > 0
     assert inside.sum() > 200
     assert (~inside).sum() > inside.sum()

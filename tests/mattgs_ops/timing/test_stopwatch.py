@@ -1,5 +1,6 @@
 """The stopwatch counts work and sleep, not the queue for a processor."""
 
+import time
 from itertools import pairwise
 from pathlib import Path
 
@@ -25,7 +26,7 @@ def test_waiting_for_a_processor_is_taken_off_and_the_rest_is_not(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     wall, queue = iter([10.0, 13.0]), iter([1.0, 1.0, 1.75, 1.75])
-    monkeypatch.setattr(stopwatch.time, "perf_counter", lambda: next(wall))
+    monkeypatch.setattr(time, "perf_counter", lambda: next(wall))
     monkeypatch.setattr(stopwatch, "queued", lambda: next(queue))
     assert -stopwatch.seconds() + stopwatch.seconds() == pytest.approx(3 - 0.75)
 
@@ -35,7 +36,7 @@ def test_a_wait_between_the_two_readings_asks_for_new_ones(
 ) -> None:
     """Else the wait would be taken off a time that does not hold it, and work could be negative."""
     wall, queue = iter([10.0, 10.5]), iter([1.0, 1.4, 1.4])
-    monkeypatch.setattr(stopwatch.time, "perf_counter", lambda: next(wall))
+    monkeypatch.setattr(time, "perf_counter", lambda: next(wall))
     monkeypatch.setattr(stopwatch, "queued", lambda: next(queue))
     assert stopwatch.seconds() == pytest.approx(10.5 - 1.4)
 

@@ -13,8 +13,9 @@ import numpy as np
 from plyfile import PlyData, PlyElement
 
 SH_CONSTANT = 0.28209479177387814
-NAMES = ("x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity")
-NAMES += ("scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3")
+PLACE_AND_COLOUR = ("x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity")
+SHAPE = ("scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3")
+NAMES = (*PLACE_AND_COLOUR, *SHAPE)
 
 
 def colmap_points(path: Path) -> np.ndarray:

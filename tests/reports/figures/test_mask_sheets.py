@@ -18,8 +18,8 @@ def scene(folder: Path, agreement: dict[str, Any]) -> Scene:
         for kind, picture in pictures.items():
             (folder / kind).mkdir(parents=True, exist_ok=True)
             cv2.imwrite(str(folder / kind / f"{name}.png"), picture.astype(np.uint8))
-        paths = (folder / kind / f"{name}.png" for kind in ("photos", "masks"))
-        views.append(View(name, "train", 40, 30, *paths, None))
+        photo, mask = (folder / kind / f"{name}.png" for kind in ("photos", "masks"))
+        views.append(View(name, "train", 40, 30, photo, mask, None))
     made = Scene("rover", folder, tuple(views), {"agreement": agreement})
     none, bytes_, numbers = np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros(0)
     made.save(SparsePoints(none, bytes_, numbers.astype(np.float32), numbers.astype(np.int32)))

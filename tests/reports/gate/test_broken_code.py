@@ -23,6 +23,7 @@ from mattgs_ops.segment import infer
 from mattgs_ops.splat import render as rendering
 from mattgs_ops.splat.files.ply import read_ply, write_ply
 from mattgs_ops.splat.gaussians import Splats
+from mattgs_ops.splat.rasterize import render
 from mattgs_ops.splat.training import trainer
 from reports.gate.compare import compare
 from reports.gate.findings import ALL_CELLS, Exit, GateReport, Verdict
@@ -147,7 +148,7 @@ def test_a_sleep_in_the_rasteriser_is_worse_in_speed(
     planted: Planted, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     line, old = planted
-    healthy = rendering.render
+    healthy = render
 
     def sleepy(*arguments: Any, **more: Any) -> Any:
         began = time.perf_counter()

@@ -78,7 +78,7 @@ def part_of_the_board(folder: Path) -> Path:
                 small = image.resize(SIZE, Image.Resampling.BOX)
             if path.parent.name == "masks":
                 small = small.point(lambda value: 255 * (value >= 128))
-            small.save(folder / path, **({"quality": 95} if path.suffix == ".jpg" else {}))
+            small.save(folder / path, quality=95)  # of JPEG alone
     shrink = SIZE[0] / document["w"]
     lens = {name: document[name] * shrink for name in ("fl_x", "fl_y", "cx", "cy")}
     smaller = {"w": SIZE[0], "h": SIZE[1], "frames": frames}

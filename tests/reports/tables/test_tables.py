@@ -171,6 +171,7 @@ def test_values_of_another_file_take_the_place_of_those_that_come_along(
     assert "Lines marked (paper): Others." in table.notes
     ours = line_of(table, "No BG", "Ours").entries[1].value
     difference = line_of(table, "No BG", "Ours − paper").entries
+    assert ours is not None
     assert difference[1].value == pytest.approx(ours - 99.0)
     assert difference[1].text.startswith("−")
     assert difference[0] == tables.HOLE, "the file says nothing of SSIM"

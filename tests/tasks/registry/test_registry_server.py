@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 from flows.cli.app import app
 from flows.results import view
 from mattgs_ops.capture.camera import Camera, Intrinsics
-from mattgs_ops.capture.scene import Scene, SparsePoints, View
+from mattgs_ops.capture.scene import Scene, SparsePoints, Split, View
 from mattgs_ops.errors import InputError
 from mattgs_ops.splat.files.ply import read_ply, write_ply
 from mattgs_ops.splat.gaussians import Splats
@@ -87,7 +87,7 @@ def run_id(server: str, tmp_path_factory: pytest.TempPathFactory) -> str:
     (files / "training.json").write_text(json.dumps({"background": [1, 1, 1]}))
     scene = files / "scene"
     scene.mkdir()
-    splits = ("test", "train", "train")
+    splits: tuple[Split, ...] = ("test", "train", "train")
     views = tuple(
         View(f"{i}.jpg", splits[i], 32, 24, scene / f"{i}.jpg", None, camera(i)) for i in range(3)
     )

@@ -12,6 +12,7 @@ import pytest
 from mattgs_ops.errors import StageError
 from tasks.stages import launcher
 from tasks.stages.process import CrashError, StageJob, run
+from tasks.stages.source_times import source_times
 from tests.tasks.waiting import alive, wait_for
 
 OPERATIONS = """
@@ -83,7 +84,7 @@ def test_touched_sources_are_imported_anew(
 ) -> None:
     run(job("look"))
     before = seen(tmp_path)[1]
-    times = launcher.source_times()
+    times = source_times()
     monkeypatch.setattr(launcher, "source_times", lambda: (*times[1:], (times[0][0], 1)))
     run(job("look"))
     assert seen(tmp_path)[1] != before

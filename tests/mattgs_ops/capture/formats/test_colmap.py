@@ -17,7 +17,7 @@ RNG = np.random.default_rng(5)
 QUATERNIONS = RNG.normal(size=(3, 4))
 TRANSLATIONS = RNG.normal(size=(3, 3))
 NAMES = ("a.jpg", "b.jpg", "c.jpg")
-MODELS = {
+MODELS: dict[str, list[float]] = {
     "SIMPLE_PINHOLE": [500, 320, 240],
     "PINHOLE": [500, 510, 320, 240],
     "SIMPLE_RADIAL": [500, 320, 240, 0.1],
@@ -91,7 +91,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, A
     """Return a folder of models, one a camera model and one with a rig, and what COLMAP says."""
     out = tmp_path_factory.mktemp("models")
     unit = QUATERNIONS / np.linalg.norm(QUATERNIONS, axis=1, keepdims=True)
-    job = {
+    job: dict[str, Any] = {
         "models": {name: [float(p) for p in params] for name, params in MODELS.items()},
         "plane": PLANE.tolist(),
         "names": NAMES,

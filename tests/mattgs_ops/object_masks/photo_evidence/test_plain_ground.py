@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
+from mattgs_ops.capture.masks import SoftMap
 from mattgs_ops.object_masks.photo_evidence import plain_ground
 from mattgs_ops.object_masks.photo_evidence.plain_ground import correct_by_ground, deviations
 from mattgs_ops.object_masks.silhouettes import iou
@@ -57,7 +58,7 @@ def test_an_opening_that_shows_the_ground_is_cut_out() -> None:
 def test_a_part_that_the_map_hardly_sees_joins() -> None:
     truths = [frame(view) for view in range(VIEWS)]
     photos = [photo_of(mask, sloping(), view) for view, mask in enumerate(truths)]
-    maps = [0.98 * mask for mask in truths]
+    maps: list[SoftMap] = [np.float32(0.98) * mask for mask in truths]
     for soft in maps:
         soft[30:110, 45:58] *= 0.3
     _, corrected = correct_by_ground(photos, maps, [True] * VIEWS)
@@ -69,7 +70,7 @@ def test_a_shadow_is_no_object() -> None:
     ground = sloping()
     ground[98:118, 125:155] *= 0.4
     photos = [photo_of(mask, ground, view) for view, mask in enumerate(truths)]
-    maps = [0.98 * mask for mask in truths]
+    maps: list[SoftMap] = [np.float32(0.98) * mask for mask in truths]
     for soft in maps:
         soft[98:118, 125:155] = 0.3
     found, corrected = correct_by_ground(photos, maps, [True] * VIEWS)

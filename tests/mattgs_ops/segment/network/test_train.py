@@ -1,6 +1,7 @@
 """Training: it learns, it is deterministic, a resumed run equals an uninterrupted one."""
 
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -41,8 +42,13 @@ def photos(folder: Path, count: int = 3) -> FolderConfig:
 
 def config(folder: FolderConfig, steps: int, **more: object) -> SegmentTrainConfig:
     stage = StageConfig(size=SIZE, batch=2, steps=steps, lr=2e-3, lr_end=2e-3)
-    values = {"validation_images": 1, "validate_every": 1000, "composites": False, **more}
-    return SegmentTrainConfig(stages=(stage,), folders=(folder,), **values)  # type: ignore[arg-type]
+    values: dict[str, Any] = {
+        "validation_images": 1,
+        "validate_every": 1000,
+        "composites": False,
+        **more,
+    }
+    return SegmentTrainConfig(stages=(stage,), folders=(folder,), **values)
 
 
 class StoppedError(Exception):

@@ -100,7 +100,9 @@ def test_where_the_network_is_not_sure_the_mask_stays(
 def test_a_mask_without_an_outline_comes_back(refiner: OutlineRefiner, value: int) -> None:
     photo, _ = scene()
     mask = np.full((HEIGHT, WIDTH), value, np.uint8)
-    assert np.array_equal(refiner.refine(photo, mask.astype(np.float32) / 255, mask), mask)
+    assert np.array_equal(
+        refiner.refine(photo, mask.astype(np.float32) / np.float32(255), mask), mask
+    )
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:

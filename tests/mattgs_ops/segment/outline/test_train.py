@@ -27,7 +27,7 @@ def config(steps: int, **more: object) -> OutlineTrainConfig:
         "validate_every": 2,
         **more,
     }
-    return OutlineTrainConfig(steps=steps, **values)  # type: ignore[arg-type]
+    return OutlineTrainConfig(steps=steps, **values)
 
 
 class StoppedError(Exception):

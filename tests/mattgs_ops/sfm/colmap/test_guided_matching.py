@@ -117,7 +117,7 @@ def growing(views: int) -> tuple[dict[int, Camera], dict[int, NDArray[np.float64
     return cameras, {k: rays(camera, points) for k, camera in cameras.items()}
 
 
-def first(views: dict[int, object], count: int) -> dict[int, object]:
+def first(views: dict[int, Camera], count: int) -> dict[int, Camera]:
     return {k: views[k] for k in range(count)}
 
 

@@ -11,7 +11,7 @@ import pytest
 from mattgs_ops import sfm
 from mattgs_ops.capture.scene import PreparedCapture
 from mattgs_ops.config import SfmConfig
-from mattgs_ops.errors import StageError
+from mattgs_ops.errors import InputError, StageError
 from mattgs_ops.sfm.colmap import process
 from mattgs_ops.sfm.colmap.job import Answer, Job, JobView
 
@@ -126,7 +126,7 @@ def test_an_error_of_ours_inside_the_worker_keeps_its_words(
     gone.unlink()  # after the checks, so to speak
     job = Job(str(tmp_path), tuple(rows), SfmConfig().model_dump(mode="json"), 1)
     said: list[tuple[int, int]] = []
-    with pytest.raises(process.InputError, match=rf"0002\.jpg\.png: expected a {text}"):
+    with pytest.raises(InputError, match=rf"0002\.jpg\.png: expected a {text}"):
         process.run_worker(job, tmp_path / "log", lambda d, t, _: said.append((d, t)))
     assert said  # the first views were extracted
     assert json.loads((tmp_path / "job.json").read_text())["threads"] == 1

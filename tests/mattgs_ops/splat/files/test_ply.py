@@ -67,8 +67,11 @@ def test_every_value_is_in_its_place(splats: Splats, tmp_path: Path) -> None:
 
 
 def write_other(path: Path, columns: dict[str, np.ndarray], **how: object) -> None:
-    table = np.rec.fromarrays([*columns.values()], names=[*columns])
-    element = plyfile.PlyElement.describe(np.asarray(table), "vertex")
+    kinds = [(name, values.dtype) for name, values in columns.items()]
+    table = np.empty(len(next(iter(columns.values()))), kinds)
+    for name, values in columns.items():
+        table[name] = values
+    element = plyfile.PlyElement.describe(table, "vertex")
     plyfile.PlyData([element], **how).write(path)
 
 

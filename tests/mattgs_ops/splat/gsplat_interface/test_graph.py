@@ -90,7 +90,7 @@ def test_a_graph_is_freed_with_its_images() -> None:
     images, alphas, meta = rasterization(**given, width=WIDTH, height=HEIGHT)
     node = images.grad_fn
     while not hasattr(node, "drawing"):
-        node = node.next_functions[0][0]  # type: ignore[union-attr]
+        node = node.next_functions[0][0]
     drawing = weakref.ref(node.drawing)
     del node
     assert drawing() is not None
@@ -107,7 +107,8 @@ def test_the_graph_can_be_used_twice_and_changes_in_place_are_noticed() -> None:
     given["means"].requires_grad_()
     images, _, _ = rasterization(**given, width=WIDTH, height=HEIGHT)
     images.sum().backward(retain_graph=True)
-    first = given["means"].grad.clone()  # type: ignore[union-attr]
+    assert given["means"].grad is not None
+    first = given["means"].grad.clone()
     images.sum().backward(retain_graph=True)
     torch.testing.assert_close(given["means"].grad, 2 * first)
     with torch.no_grad():

@@ -18,7 +18,7 @@ from mattgs_ops.splat.files.ply import read_ply
 from mattgs_ops.splat.files.training_report import TrainingReport
 from mattgs_ops.splat.photos import load_view
 from mattgs_ops.splat.rasterize import SplatStatistics, render
-from mattgs_ops.splat.ssim import PhotometricLoss
+from mattgs_ops.splat.ssim import PhotometricLoss, photometric_loss
 from mattgs_ops.splat.training import schedule as schedule_module
 from mattgs_ops.splat.training import trainer as trainer_module
 from mattgs_ops.splat.training.optimise import FIELDS, Adam
@@ -258,7 +258,7 @@ def test_starting_points_without_attention_are_dropped_but_never_nearly_all(
 
 
 def test_nan_names_step_and_parameter(run: Train, monkeypatch: pytest.MonkeyPatch) -> None:
-    honest, calls = trainer_module.photometric_loss, []
+    honest, calls = photometric_loss, []
 
     def spoilt(image: torch.Tensor, target: torch.Tensor, **options: Any) -> PhotometricLoss:
         loss = honest(image, target, **options)

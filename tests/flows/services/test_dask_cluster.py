@@ -47,6 +47,17 @@ def test_a_training_takes_what_the_configuration_sets() -> None:
     assert needed(RunConfig(threads=4, memory=2e9)) == {"train": 1, "threads": 4, "memory": 2e9}
 
 
+def test_our_own_workers_rest_while_their_stages_work(tmp_path: Path) -> None:
+    with started(tmp_path, RunConfig(workers=1)) as cluster, Client(cluster.scheduler) as client:
+        (calls,) = client.run(
+            lambda dask_worker: {
+                name: call.callback_time for name, call in dask_worker.periodic_callbacks.items()
+            }
+        ).values()
+    assert "profile" not in calls
+    assert min(calls.values()) >= 500, "milliseconds"
+
+
 @pytest.fixture(scope="module")
 def security(certificates: Path) -> Security:
     ca, cert, key = (str(certificates / file) for file in CERTIFICATES.values())

@@ -74,7 +74,7 @@ class Scaled(Trainer):
         if index not in self._maps:
             view = self.views[index]
             photo, mask = unit_range(view.photo).numpy(), unit_range(view.mask).numpy()
-            size, found = mask.shape[::-1], local(view)
+            size, found = mask.shape[::-1], local_attention(photo, mask)
             for scale in SCALES:
                 small = [
                     cv2.resize(one, None, fx=1 / scale, fy=1 / scale, interpolation=cv2.INTER_AREA)

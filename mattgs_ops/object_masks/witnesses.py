@@ -7,6 +7,7 @@ that are attached to the votes' object join it.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,12 +110,12 @@ class Known:
             plain_ground,
         )
 
-    @property
+    @cached_property
     def deciding(self) -> list[int]:
         """The views that are trained on."""
         return [index for index, use in enumerate(self.trained) if use]
 
-    @property
+    @cached_property
     def speaking(self) -> list[int]:
         """Those of them whose map shows an object."""
         return [index for index in self.deciding if (self.own.maps[index] >= HALF).any()]

@@ -19,12 +19,12 @@ from mattgs_ops.splat.training.train import Experiment, train_in_memory
 
 PLAIN = Condition(background="original", method="3dgs")
 # The released rates are for 30,000 steps: after 1,000 splats still straddle outlines, and hang in
-# the shade under a board. docs/segmentation.md says what masks gain by it
+# the shade under a board. docs/mask_bounds.md says what masks gain by it
 FAST = MethodConfig(rates=TUNED.rates)
 # Surfaces need no gloss: on the bundled captures masks are as good (IoU +0.000, +0.001, +0.004)
 # and training takes 13 % less, `python benchmarks/segment.py`
 WITHOUT_GLOSS = TrainConfig(sh_degree=0)
-HAZE = 0.2  # opacity up to which a splat is no surface; docs/segmentation.md, the bounds
+HAZE = 0.2  # opacity up to which a splat is no surface; docs/mask_bounds.md
 
 
 def train_surfaces(

@@ -14,6 +14,7 @@ histograms overlap says so, and the maps stay as they are.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -126,11 +127,17 @@ def _fit(places: Floats, colours: Floats) -> Floats:
     return factors.astype(np.float32)
 
 
+@lru_cache(maxsize=2)  # a capture's photos have one size, or two: upright and not
 def _powers(height: int, width: int) -> Floats:
-    """Return x^i y^j with i + j up to the degree [H, W, 10]; x and y go from -1 to 1."""
+    """Return x^i y^j with i + j up to the degree [H, W, 10]; x and y go from -1 to 1.
+
+    Photos of a size share the array: it cannot be written to.
+    """
     y, x = np.mgrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j].astype(np.float32)
     powers = [x**i * y**j for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)]
-    return np.stack(powers, axis=-1)
+    stacked: Floats = np.stack(powers, axis=-1)
+    stacked.flags.writeable = False
+    return stacked
 
 
 def _histogram(bins: Residual) -> NDArray[np.float64]:

@@ -17,13 +17,14 @@ def rebuild_report(benchmark: str, out: Path, paper_values: Path | None = None) 
     benchmark.
     """
     from reports.page.build import build
+    from reports.rows.merge import newest_alike
     from reports.tables import paper
 
     checked_name(benchmark, "the benchmark's name")
     values = None if paper_values is None else paper.load(paper_values)
     embedded.quieten(out)
     tracking = embedded.tracking_uri(out)
-    rows = summary.report_rows(tracking, benchmark)
+    rows, left_out = newest_alike(summary.report_rows(tracking, benchmark))
     with tempfile.TemporaryDirectory(prefix="mattgs-report-") as folder:
         return build(
             rows,
@@ -32,4 +33,5 @@ def rebuild_report(benchmark: str, out: Path, paper_values: Path | None = None) 
             artifacts_root=summary.fetch(tracking, rows, Path(folder)),
             baselines=promotion.aliased_rows(tracking, benchmark),
             values=values,
+            notes=left_out,
         )

@@ -14,6 +14,7 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 from reports.figures.plots import DASHES, Saved, colours, legend, save, sheets
 from reports.rows import budgets, clock
 from reports.rows.budgets import Point
+from reports.rows.doubts import in_doubt
 from reports.rows.schema import (
     Row,
     capture_name,
@@ -146,8 +147,13 @@ def _ordered(shown: dict[tuple[str, str], None], rows: Sequence[Row]) -> list[tu
 
 
 def _claims(rows: Sequence[Row], metric: str) -> str:
-    """Say of every method what it gains over 3DGS at equal size; empty where nothing compares."""
-    found = budgets.gaps(rows, "size_mb", metric)
+    """Say of every method what it gains over 3DGS at equal size; empty where nothing compares.
+
+    Captures in doubt do not count; a mean over fewer than were run says over how many it is.
+    """
+    doubted = in_doubt(rows)
+    certain = [row for row in rows if row["capture"] not in doubted]
+    found = budgets.gaps(certain, "size_mb", metric)
     sentences = []
     for background, where in OVER_ALL.items():
         texts = []
@@ -157,7 +163,8 @@ def _claims(rows: Sequence[Row], metric: str) -> str:
             gain = budgets.mean_quality(gaps)
             if gain is not None:
                 number = f"{gain.mean:+.2f}".replace("-", "−")
-                texts.append(f"{method_name(method)} {number} dB")
+                some = f" ({gain.samples} of {len(gaps)})" if gain.samples < len(gaps) else ""
+                texts.append(f"{method_name(method)} {number} dB{some}")
         if texts:
             sentences.append(f"{where} {', '.join(texts)}")
     base = method_name(budgets.BASE)

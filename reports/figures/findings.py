@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from statistics import fmean
 
 from reports.figures.pictures import Gallery
+from reports.rows.doubts import in_doubt
 from reports.rows.schema import BACKGROUNDS, Cell, capture_name, held_out_views, method_name
 
 WHERE = {"nobg": "without its background", "original": "with its background"}
@@ -68,7 +69,10 @@ def winners(
     """Say on how many of the captures each method has the largest ``value``, as ``what``.
 
     Of the first background of :data:`PREFERRED` that several methods share; empty for none.
+    Captures in doubt do not count.
     """
+    doubted = in_doubt([row for cell in selected for row in cell.rows])
+    names = [name for name in names if name not in doubted]
     for background in PREFERRED:
         first: Counter[str] = Counter()
         for name in names:

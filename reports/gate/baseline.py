@@ -111,17 +111,26 @@ def measured_noise(runs: Sequence[Sequence[Row]]) -> dict[str, float]:
     """Return the noise of each metric between runs of the same code, as ``tolerances.py`` means it.
 
     Every two runs are compared; per metric the root mean square of the changes of all cells and
-    seeds, over √2: the noise of one seed in one cell.
-    Raises :class:`InputError` when there is nothing to compare.
+    seeds, over √2: the noise of one seed in one cell. Numbers that are the same to the bit say that
+    nothing rounded otherwise, and not by how little it could: they measure no noise.
+    Raises :class:`InputError` when there is nothing to compare, or nothing differs.
     """
     squares: dict[str, list[float]] = {}
+    compared = False
     for one, other in combinations(runs, 2):
         for number in collected(one, other)[1]:
             if number.tolerance.kind != "speed":
-                changes = [change**2 for change, _ in by_seed(number).values()]
-                squares.setdefault(number.tolerance.metric, []).extend(changes)
-    if not squares:
+                compared = True
+                changes = [change**2 for change, _ in by_seed(number).values() if change]
+                if changes:
+                    squares.setdefault(number.tolerance.metric, []).extend(changes)
+    if not compared:
         raise InputError("noise: expected at least two comparable runs of the same benchmark")
+    if not squares:
+        raise InputError(
+            "noise: expected runs that differ, such as of two kinds of processors; found the same "
+            "numbers to the bit, which measure none"
+        )
     return {
         name: round(sqrt(fmean(changes_squared) / 2), 6)
         for name, changes_squared in sorted(squares.items())

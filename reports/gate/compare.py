@@ -78,11 +78,15 @@ def _of_cell(
     judged: list[Judged] = []
     name = str(ours.key)
     pairs, blocked = _paired_rows(ours, theirs)
+    views = {text for pair in pairs for text in comparable.other_views(*pair)}
     if blocked:
-        return [Finding(name, "run", "rows", Verdict.NOT_COMPARABLE, "; ".join(blocked))], []
+        findings.append(Finding(name, "run", "rows", Verdict.NOT_COMPARABLE, "; ".join(blocked)))
+    if set(blocked) - views:
+        return findings, []
     unlike = list(dict.fromkeys(text for pair in pairs for text in comparable.other_truth(*pair)))
-    if unlike:  # the quality of masks and the number of poses can still be judged
+    if unlike and not blocked:
         findings.append(Finding(name, "run", "truth", Verdict.NOT_COMPARABLE, "; ".join(unlike)))
+    if unlike or blocked:  # the quality of masks and the number of poses can still be judged
         table = [tolerance for tolerance in table if tolerance.upstream]
     for tolerance in table if pairs else ():
         moved = _moved(tolerance, pairs)

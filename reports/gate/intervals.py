@@ -67,8 +67,8 @@ def rounding_noise(numbers: Sequence[Judged]) -> float | None:
     None where the baseline states none, and for speed, which rounding does not change.
     """
     stated = numbers[0].tolerance.between
-    if stated is None or numbers[0].tolerance.kind == "speed":
-        return None
+    if not stated or numbers[0].tolerance.kind == "speed":
+        return None  # 0, in older baselines: of runs that were the same to the bit
     runs = [change for number in numbers for change, _ in by_seed(number).values()]
     moved = sum(change != 0 for change in runs)
     return stated * math.sqrt(2 * moved) / len(runs)

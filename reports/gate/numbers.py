@@ -67,7 +67,7 @@ def _noise(tolerance: Tolerance, baseline: Sequence[Row], *, moved: bool) -> flo
     """
     if tolerance.kind != "exact" or not moved:
         return tolerance.noise
-    if tolerance.between is not None or tolerance.metric != "registered":
+    if tolerance.between or tolerance.metric != "registered":
         return tolerance.between or 0.0
     registrations = [row.get("registration") or {} for row in baseline]
     views = fmean(float(one.get("views") or one["registered"]) for one in registrations)

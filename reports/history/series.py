@@ -145,7 +145,9 @@ def points_of(runs: Iterable[Run]) -> list[Point]:
     sittings: list[list[Run]] = []
     open_ones: dict[tuple[Any, ...], list[Run]] = {}
     for run in sorted(runs, key=lambda run: (run["when"], run["seed"])):
-        key = tuple(run.get(name) for name in ("git", "code_version", "timed_on", "inputs"))
+        key = tuple(
+            run.get(name) for name in ("git", "code_version", "timed_on", "inputs", "protocol")
+        )
         sitting = open_ones.get(key)
         if sitting is None or any(one["seed"] == run["seed"] for one in sitting):
             sitting = open_ones[key] = []
@@ -180,7 +182,7 @@ def _of_metric(cell: CellKey, column: Column, points: Sequence[Point]) -> Iterat
 
 def setup_of(point: Point, metric: str) -> tuple[Any, ...]:
     """Return what points of one series share."""
-    keys = ("seed", "config_digest", "inputs")
+    keys = ("seed", "config_digest", "inputs", "protocol")
     settings = tuple(tuple(run.get(key) for key in keys) for run in point.runs)
     machine = MACHINES.get(CALIBRATED.get(metric, metric), "")
     return settings, point.runs[0].get(machine)

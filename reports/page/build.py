@@ -17,7 +17,9 @@ from reports.page import page, unchanged
 from reports.rows.budgets import largest
 from reports.rows.clock import clock_notes
 from reports.rows.doubts import warnings
+from reports.rows.finite import without_infinite_views
 from reports.rows.schema import Row, captures, cells, problems, refused
+from reports.rows.settings import of_one_setting, setting_notes
 from reports.tables import formats, latex, origins, paper, promoted, verdict
 from reports.tables.formats import Table
 from reports.tables.notes import haze_notes
@@ -58,13 +60,14 @@ def build(
         "planned": planned,
     }
     printed |= {"baselines": list(baselines), "values": repr(values)}
+    wrong = problems(rows)
+    rows, infinite = without_infinite_views(refused(rows))  # what is left is valid JSON
+    wrong += infinite
     made_of = unchanged.recipe(rows, artifacts_root, printed)
     path = out / PAGE
     if unchanged.holds(out, made_of):
         return path
-    rows = promoted.mark(rows, baselines)
-    wrong = problems(rows)
-    good = refused(rows)
+    good = promoted.mark(rows, baselines)
     all_cells = cells(good)
     out.mkdir(parents=True, exist_ok=True)
     ordered = [row for cell in all_cells for row in cell.rows]
@@ -74,17 +77,19 @@ def build(
     for table in tables:
         for suffix, form in FORMATS.items():
             _write(out / "tables" / f"{table.slug}.{suffix}", form(table))
-    one_each = largest(good)  # pictures and verdicts are of the largest budgets
-    galleries = [pictures.gallery(name, cells(one_each), artifacts_root) for name in captures(good)]
+    compared = of_one_setting(ordered)
+    one_each = largest(compared)  # pictures and verdicts are of the largest budgets
+    shown = captures(one_each)
+    galleries = [pictures.gallery(name, cells(one_each), artifacts_root) for name in shown]
     with plots.style():
-        first = budget_figures.budget_curves(ordered, out / "figures")
+        first = budget_figures.budget_curves(compared, out / "figures")
     drawn = _draw(one_each, galleries, artifacts_root, out / "figures")
     if first:  # curves say more than their largest budgets' points
         drawn = [one for one in drawn if not one.slug.startswith(trade_off.SLUG)]
     overall = verdict.overall(one_each)
     judged = [*([] if overall is None else [overall]), *verdict.verdicts(one_each)]
     line = verdict.summary_line(good, planned)
-    notes = [*notes, *([LARGEST] if first else []), *origins.notes(good)]
+    notes = [*notes, *setting_notes(good), *([LARGEST] if first else []), *origins.notes(good)]
     notes += [*clock_notes(good), *haze_notes(good)]
     warned = warnings(good)
     html = page.render(

@@ -5,12 +5,10 @@ against: the held-out views, their truth and their masks, compared by digest. Ma
 the line make are outcomes, not inputs: a change of code moves them, and with them every score.
 """
 
-from collections.abc import Mapping
 from typing import Any
 
 from reports.rows.schema import FIRST_PROTOCOL, Row, row_problems
 
-Provenance = Mapping[str, Any]
 # What scores hang on → how it is called; a row's ``digests`` hold them
 DECISIVE = {"split": "the split", "masks": "the masks", "truth": "the truth"}
 # Stages that may have changed it, the first whose own digest differs did; else the last one
@@ -36,9 +34,11 @@ def reasons(candidate: Row, baseline: Row) -> list[str]:
             differences.append(
                 f"{name}: baseline {_short(baseline_value)}, candidate {_short(candidate_value)}"
             )
-    differences += _inputs(ours, theirs)
-    differences += _views(candidate, baseline)
-    return differences
+    differences += other_inputs(candidate, baseline)
+    leaked = trained_on_held_out(candidate)
+    if leaked:
+        differences.append(f"held-out views were trained on: {listed(leaked)}")
+    return differences + other_views(candidate, baseline)
 
 
 def other_truth(candidate: Row, baseline: Row) -> list[str]:
@@ -64,8 +64,11 @@ def protocol_of(row: Row) -> Any:
     return row.get("protocol", (row.get("provenance") or {}).get("protocol", FIRST_PROTOCOL))
 
 
-def _inputs(ours: Provenance, theirs: Provenance) -> list[str]:
-    candidate_value, baseline_value = ours.get("inputs") or {}, theirs.get("inputs") or {}
+def other_inputs(candidate: Row, baseline: Row) -> list[str]:
+    """Return which inputs (photos, poses, masks that came along) two rows were not both made of."""
+    candidate_value, baseline_value = (
+        (row.get("provenance") or {}).get("inputs") or {} for row in (candidate, baseline)
+    )
     changed = sorted(
         name
         for name in candidate_value.keys() | baseline_value.keys()
@@ -74,26 +77,28 @@ def _inputs(ours: Provenance, theirs: Provenance) -> list[str]:
     return [f"other inputs: {', '.join(changed)}"] if changed else []
 
 
-def _views(candidate: Row, baseline: Row) -> list[str]:
-    """Compare the splits: the same views must be held out, and none of them trained on."""
+def trained_on_held_out(row: Row) -> list[str]:
+    """Return the names of held-out views that a row was trained on."""
+    return sorted(names(row, "test") & trained_views(row)[0])
+
+
+def other_views(candidate: Row, baseline: Row) -> list[str]:
+    """Compare the splits: the same views must be held out, and the same trained on."""
     differences = []
     held_out = names(candidate, "test")
     trained, all_of_them = trained_views(candidate)
-    leaked = sorted(held_out & trained)
-    if leaked:
-        differences.append(f"held-out views were trained on: {_list(leaked)}")
     lost = sorted(names(baseline, "test") - held_out)
     added = sorted(held_out - names(baseline, "test"))
     if lost:
-        differences.append(f"held-out views are missing: {_list(lost)}")
+        differences.append(f"held-out views are missing: {listed(lost)}")
     if added:
-        differences.append(f"other held-out views: {_list(added)}")
+        differences.append(f"other held-out views: {listed(added)}")
     before, all_before = trained_views(baseline)
     other = before ^ trained
     if all_of_them != all_before:  # a sample lies within all of them
         other = trained - before if all_before else before - trained
     if before and trained and other:
-        differences.append(f"other training views: {_list(sorted(other))}")
+        differences.append(f"other training views: {listed(sorted(other))}")
     return differences
 
 
@@ -111,7 +116,8 @@ def names(row: Row, split: str) -> set[str]:
     return {str(view["view"]) for view in row["per_view"] if view["split"] == split}
 
 
-def _list(items: list[str], most: int = 4) -> str:
+def listed(items: list[str], most: int = 4) -> str:
+    """Name the first few."""
     rest = f" and {len(items) - most} more" if len(items) > most else ""
     return ", ".join(items[:most]) + rest
 

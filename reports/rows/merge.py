@@ -28,10 +28,38 @@ def merge(parts: Sequence[Part]) -> list[Row]:
     for name, row in owned:
         identity = (key_of(row), int(row["seed"]))
         earlier = merged.get(identity)
-        merged[identity] = (
-            (name, row) if earlier is None else _joined(identity, earlier, (name, row))
-        )
+        merged[identity] = (name, row) if earlier is None else _joined(earlier, (name, row))
     return [row for _, row in merged.values()]
+
+
+def newest_alike(rows: Sequence[Row]) -> tuple[list[Row], list[str]]:
+    """Return the rows that compare with the newest, and sentences on those that are left out.
+
+    ``rows`` come newest first. Those of another protocol than the first one are left out, and those
+    of other photos than the newest row of their capture.
+    """
+    photos: dict[str, Any] = {}
+    kept: list[Row] = []
+    older: dict[str, list[str]] = {}
+    for row in rows:
+        if protocol_of(row) != protocol_of(rows[0]):
+            older.setdefault(f"another protocol ({protocol_of(row)})", []).append(_where(row))
+        elif (digest := _photos(row)) != photos.setdefault(row["capture"], digest):
+            older.setdefault("other photos", []).append(_where(row))
+        else:
+            kept.append(row)
+    return kept, [
+        f"Left out, as they are of {what} than the newest runs: {', '.join(names)}."
+        for what, names in older.items()
+    ]
+
+
+def _where(row: Row) -> str:
+    return f"{key_of(row)}, seed {row['seed']}"
+
+
+def _photos(row: Row) -> Any:
+    return ((row.get("provenance") or {}).get("inputs") or {}).get("capture")
 
 
 def _usable(name: str, rows: Sequence[Row]) -> list[Row]:
@@ -59,7 +87,7 @@ def _one_for_all(what: str, values: Sequence[tuple[str, Any]]) -> None:
 def _same_photos(owned: Sequence[tuple[str, Row]]) -> None:
     digests: dict[str, tuple[str, Any]] = {}
     for name, row in owned:
-        digest = ((row.get("provenance") or {}).get("inputs") or {}).get("capture")
+        digest = _photos(row)
         if digest is None:
             continue
         other, earlier = digests.setdefault(row["capture"], (name, digest))
@@ -70,12 +98,10 @@ def _same_photos(owned: Sequence[tuple[str, Row]]) -> None:
             )
 
 
-def _joined(
-    identity: Identity, earlier: tuple[str, Row], other: tuple[str, Row]
-) -> tuple[str, Row]:
+def _joined(earlier: tuple[str, Row], other: tuple[str, Row]) -> tuple[str, Row]:
     """Return the one of two rows of one experiment that counts."""
-    where = f"{identity[0]}, seed {identity[1]}"
     (first, one), (second, two) = earlier, other
+    where = _where(one)
     mine, its = _config(one), _config(two)
     if mine != its and mine is not None and its is not None:
         raise InputError(

@@ -15,6 +15,7 @@ from statistics import geometric_mean, median
 import numpy as np
 
 from reports.rows import statistics
+from reports.rows.doubts import doubted_note, in_doubt
 from reports.rows.schema import (
     BACKGROUNDS,
     METHOD_ORDER,
@@ -103,10 +104,15 @@ def _against(base: str, selected: Sequence[Cell]) -> Table | None:
     if not groups:
         return None
     second = parts_known([row for cell in selected for row in cell.finished])
-    groups += _over_captures(by_method) if second else _over_pairs(by_method)
+    doubted = in_doubt([row for cell in selected for row in cell.rows])
+    certain = {
+        method: {place: numbers for place, numbers in pairs.items() if place[0] not in doubted}
+        for method, pairs in by_method.items()
+    }
+    groups += _over_captures(certain) if second else _over_pairs(certain)
     heads = tuple(QUALITY[metric][0] for metric in metrics) + tuple(COST.values())
     slug = SLUGS.get(base, "table-differences-best")
-    notes = (PAIRED, OVER_CAPTURES if second else OVERALL)
+    notes = (PAIRED, OVER_CAPTURES if second else OVERALL, *doubted_note(doubted))
     return Table(
         slug, f"Against {method_name(base)}", heads, (*metrics, *COST), tuple(groups), notes
     )

@@ -5,6 +5,7 @@ from typing import Any
 
 from reports.rows import budgets, clock, columns
 from reports.rows.columns import Column
+from reports.rows.doubts import doubted_note, in_doubt
 from reports.rows.groups import by_capture, condition_of, finished_of
 from reports.rows.schema import (
     BACKGROUNDS,
@@ -15,6 +16,7 @@ from reports.rows.schema import (
     method_name,
     refused,
 )
+from reports.rows.settings import of_one_setting
 from reports.tables import paper
 from reports.tables.differences import difference_tables
 from reports.tables.formats import Entry, Group, Line, Table
@@ -36,7 +38,8 @@ BJONTEGAARD = (
     "means over what both curves span, of points that bring more PSNR than all cheaper ones; of a "
     "method that takes no budget the distance of its one point from 3DGS's curve. In "
     "brackets 95 % intervals over captures, bold where they exclude zero. – where the curves have "
-    "less than a quarter of their span in common."
+    "less than a quarter of their span in common; a mean over fewer captures than were run says "
+    "over how many, and leaves out those that differ most."
 )
 BUDGETS = "table-budgets"  # of methods at equal sizes: a report that has it begins with it
 DIGEST = 12  # letters of a digest that tell two apart
@@ -75,9 +78,10 @@ def budget_table(rows: Sequence[Row]) -> Table | None:
         if any(entry is not HOLE for entry in entries):
             groups.setdefault(group, []).append(Line(method_name(method), tuple(entries)))
 
+    doubted = in_doubt(rows)
     for background in BACKGROUNDS:
         for method in dict.fromkeys(name for _, own, name in places if own == background):
-            mine = [place for place in places if place[1:] == (background, method)]
+            mine = [p for p in places if p[1:] == (background, method) and p[0] not in doubted]
             add(f"{background_name(background)}, mean over captures", method, mine)
     for capture, background, method in places if len({place[0] for place in places}) > 1 else ():
         label = f"{capture_name(capture)}, {background_name(background)}"
@@ -90,7 +94,7 @@ def budget_table(rows: Sequence[Row]) -> Table | None:
         tuple(head for _, _, head in shown),
         tuple(f"{m}_{head.split()[0].lower()}_{c}" for c, m, head in shown),
         tuple(Group(label, tuple(lines)) for label, lines in groups.items()),
-        (BJONTEGAARD,),
+        (BJONTEGAARD, *doubted_note(doubted)),
         with_runs=False,
     )
 
@@ -106,9 +110,10 @@ def _gap_entry(found: Sequence[budgets.Gap], heading: str) -> Entry:
         f"{value:+.{decimals}f}".replace("-", "−")
         for value in (interval.mean, interval.low, interval.high)
     ]
+    some = f", {interval.samples} of {len(found)}" if interval.samples < len(found) else ""
     if interval.samples < 2:
-        return Entry(f"{texts[0]}{unit}", value=interval.mean)
-    text = f"{texts[0]}{unit} ({texts[1]} to {texts[2]})"
+        return Entry(f"{texts[0]}{unit}{some}", value=interval.mean)
+    text = f"{texts[0]}{unit} ({texts[1]} to {texts[2]}){some}"
     return Entry(text, best=interval.excludes_zero(), value=interval.mean)
 
 
@@ -268,17 +273,18 @@ def _provenance(row: Row) -> Mapping[str, Any]:
 def all_tables(rows: Sequence[Row], values: paper.PaperValues | None = None) -> list[Table]:
     """List every table of a report, in the order in which it prints them."""
     rows = refused(rows)
+    compared = of_one_setting(rows)
     extra = [
         mask_table(rows),
         parts_table(rows),
         perceptual_table(rows),
-        *difference_tables(budgets.largest(rows)),
+        *difference_tables(budgets.largest(compared)),
         training_table(rows),
         quality_table(rows),
         cost_table(rows),
         origins_table(rows),
         runs_table(rows),
     ]
-    first = budget_table(rows)
+    first = budget_table(compared)
     found = [] if first is None else [first]
     return found + capture_tables(rows, values) + [table for table in extra if table is not None]

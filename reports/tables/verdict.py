@@ -6,7 +6,8 @@ view and seed; a gain is called one only when the 95 % interval excludes zero. W
 too. Size and time are ratios of means; differences below 1 % are called none.
 """
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from statistics import fmean, geometric_mean
 
@@ -30,6 +31,13 @@ IN_HEADLINE = 2  # methods; the others stand among the details
 PREFERRED = ("nobg", "original")  # the headline is about the paper's proposal where it was run
 WHERE = {"nobg": "without its background", "original": "with its background"}
 OVER_ALL = {"nobg": "Without backgrounds", "original": "With backgrounds"}
+PREPOSITIONS = {
+    "gains": "over",
+    "loses": "against",
+    "does not measurably differ": "from",
+    "is not measured by the same score": "as",
+    "has no view in common": "with",
+}
 
 
 @dataclass(frozen=True)
@@ -80,13 +88,26 @@ def _over_all(
 ) -> str:
     """Count captures by what a method does there, with the means of its differences.
 
+    Scores inside the mask and over the full frame do not mix: what most captures have counts.
     ``over_captures``: the mean has an interval, whose samples are the captures.
     """
-    sure = [c.quality for c in comparisons if c.quality is not None and c.quality.excludes_zero()]
+    metrics = Counter(c.metric for c in comparisons if c.quality is not None)
+    metric = metrics.most_common(1)[0][0] if metrics else comparisons[0].metric
+    measured = [c.quality for c in comparisons if c.quality is not None and c.metric == metric]
+    sure = [quality for quality in measured if quality.excludes_zero()]
     gains = sum(quality.mean > 0 for quality in sure)
-    counts = _counts(comparisons[0].base, gains, len(sure) - gains, len(comparisons) - len(sure))
-    means = [c.quality.mean for c in comparisons if c.quality is not None]
-    where = "inside the mask" if comparisons[0].metric == "mask_psnr" else "over the full frame"
+    counts = _counts(
+        comparisons[0].base,
+        {
+            "gains": gains,
+            "loses": len(sure) - gains,
+            "does not measurably differ": len(measured) - len(sure),
+            "is not measured by the same score": metrics.total() - len(measured),
+            "has no view in common": len(comparisons) - metrics.total(),
+        },
+    )
+    means = [quality.mean for quality in measured]
+    where = "inside the mask" if metric == "mask_psnr" else "over the full frame"
     interval = statistics.sample(means) if over_captures and len(means) > 1 else None
     spread = "" if interval is None else f" ± {interval.half:.2f}"
     parts = [f"{signed(fmean(means))}{spread} dB {where}"] if means else []
@@ -100,20 +121,14 @@ def _over_all(
     return f"{text}; on average {', '.join(parts)}." if parts else f"{text}."
 
 
-def _counts(base: str, gains: int, losses: int, doubtful: int) -> list[str]:
+def _counts(base: str, kinds: Mapping[str, int]) -> list[str]:
     """Say on how many captures something happened; the first part names what is compared with."""
-    kinds = (
-        (gains, "gains", " over "),
-        (losses, "loses", " against "),
-        (doubtful, "does not measurably differ", " from "),
-    )
-    present = [kind for kind in kinds if kind[0]]
-    count, verb, preposition = present[0]
+    present = [(verb, count) for verb, count in kinds.items() if count]
+    verb, count = present[0]
     number = "all" if len(present) == 1 else f"{count} of"
-    first = (
-        f"{verb}{preposition}{method_name(base)} on {number} {gains + losses + doubtful} captures"
-    )
-    return [first, *(f"{verb} on {count}" for count, verb, _ in present[1:])]
+    first = f"{verb} {PREPOSITIONS[verb]} {method_name(base)} on {number} "
+    rest = [f"{verb} on {count}" for verb, count in present[1:]]
+    return [f"{first}{sum(kinds.values())} captures", *rest]
 
 
 def _and(parts: Sequence[str]) -> str:

@@ -120,6 +120,7 @@ def _tags(row: Row, training: str | None, about: About, old_tags: dict[str, str]
         "git": str(provenance.get("git", "")),
         "config_digest": str(provenance.get("config_digest", "")),
         "inputs": json.dumps(provenance.get("inputs") or {}, sort_keys=True),
+        "protocol": str(row.get("protocol", "")),
     }
     found |= {} if training is None else {TRAINING_TAG: training}
     return found | origin.tags(row, about) | description.tags(row, about, old_tags)

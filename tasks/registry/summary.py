@@ -92,7 +92,8 @@ def report_rows(tracking_uri: str, benchmark: str) -> list[Row]:
     """Return the rows that a benchmark's report is made of.
 
     They are those of its summary; where runs have ended since, or none was recorded, the newest
-    row of each experiment. Raises :class:`InputError` when there is no such benchmark.
+    row of each experiment, newest first. Raises :class:`InputError` when there is no such
+    benchmark.
     """
     from mlflow.tracking import MlflowClient
 

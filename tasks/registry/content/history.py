@@ -15,7 +15,15 @@ from tasks.registry.content.values import CURVE, SYSTEM
 GATE_TAG = "mattgs.gate"  # what the gate said last of a run's cell, as JSON
 ENDED = {"FINISHED": "finished", "FAILED": "failed"}
 NUMBERS, WORDS = ("seed", "iterations", "resolution"), ("capture", "background", "method")
-ORIGIN = ("git", "code_version", "config_digest", "inputs", "timed_on", "measured_on")
+ORIGIN = (
+    "git",
+    "code_version",
+    "config_digest",
+    "inputs",
+    "protocol",
+    "timed_on",
+    "measured_on",
+)
 MILLISECONDS = 1000
 
 

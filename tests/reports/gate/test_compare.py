@@ -102,6 +102,18 @@ def test_lost_registrations_are_worse_however_few(old: Rows) -> None:
     assert {m for _, m in found(report, Verdict.WORSE)} == {"registered"}
 
 
+def test_a_lost_registration_is_worse_though_its_view_is_missing(old: Rows) -> None:
+    """As a run leaves it: a training photo without a camera was not trained on."""
+    before = [row | {"trained_on": ["a.jpg", "b.jpg"]} for row in old]
+    after = changed(before, lambda row: row.update(trained_on=["a.jpg"]))
+    for row in after:
+        row["registration"]["registered"] -= 1
+    report = compare(after, before)
+    assert {metric for _, metric in found(report, Verdict.WORSE)} == {"registered"}
+    assert {metric for _, metric in found(report, Verdict.NOT_COMPARABLE)} == {"rows"}
+    assert report.exit_code == Exit.REGRESSION
+
+
 def test_a_dropped_capture_is_newly_failing(old: Rows) -> None:
     report = compare([row for row in jittered(old) if row["capture"] != "hexapod"], old)
     assert report.exit_code == Exit.FAILED_RUNS

@@ -22,6 +22,7 @@ def make_run(place: int, metrics: Mapping[str, float], **changes: Any) -> Run:
         "code_version": f"code{place}",
         "config_digest": "one",
         "inputs": "{}",
+        "protocol": "2",
         "timed_on": "desk",
         "measured_on": "desk",
         "run_id": f"run{place}",

@@ -33,7 +33,13 @@ def test_a_failed_seed_leaves_a_point_without_a_value() -> None:
 
 
 @pytest.mark.parametrize(
-    "changes", [{"config_digest": "two"}, {"seed": 7}, {"inputs": '{"capture": "other"}'}]
+    "changes",
+    [
+        {"config_digest": "two"},
+        {"seed": 7},
+        {"inputs": '{"capture": "other"}'},
+        {"protocol": "1"},
+    ],
 )
 def test_what_does_not_compare_is_another_series(
     history_of: History, changes: dict[str, Any]

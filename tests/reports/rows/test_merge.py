@@ -9,7 +9,7 @@ import pytest
 
 from mattgs_ops.errors import InputError
 from reports.figures import trade_off
-from reports.rows.merge import merge
+from reports.rows.merge import merge, newest_alike
 from reports.rows.schema import PROTOCOL, Cell, cells
 from reports.tables import notes, origins, pairs, side_tables, tables, verdict
 from tasks import row as made
@@ -76,6 +76,22 @@ def test_protocol_and_photos_are_compared_across_experiments(make_row: MakeRow) 
     for other in (two | {"protocol": 2}, changed(two, "provenance.inputs", {"capture": "d2"})):
         with pytest.raises(InputError, match=r"a\.json"):
             merge([("a.json", [one]), ("b.json", [other])])
+
+
+def test_older_photos_and_protocols_are_left_out_by_name(make_row: MakeRow) -> None:
+    new, other = make_row("rover", "nobg", "3dgs"), make_row("hexapod", "nobg", "3dgs")
+    moved = changed(make_row("rover", "nobg", "ours"), "provenance.inputs", {"capture": "d2"})
+    old = make_row("rover", "nobg", "ours+") | {"protocol": 1}
+    kept, notes = newest_alike(
+        [new | {"protocol": 2}, moved | {"protocol": 2}, old, other | {"protocol": 2}]
+    )
+    assert [(row["capture"], row["method"]) for row in kept] == [
+        ("rover", "3dgs"),
+        ("hexapod", "3dgs"),
+    ]
+    assert len(notes) == 2
+    assert "other photos than the newest runs: rover/nobg-ours@" in notes[0]
+    assert "another protocol (1) than the newest runs: rover/nobg-ours+@" in notes[1]
 
 
 def test_a_file_of_something_else_is_named(make_row: MakeRow) -> None:

@@ -23,7 +23,7 @@ SIDE = 480  # pixels of the longest side at which photos are matched
 FEATURES = 1500  # SIFT key points a photo
 RATIO = 0.8  # Lowe 2004: nearest against second nearest
 FEWEST_INLIERS = 15  # COLMAP's own, of two views' geometry
-LOOSE = 2.0  # pixels from an epipolar line, at SIDE
+LOOSE = 2.0  # pixels from an epipolar line, at SIDE; what moves less is in the same place
 AROUND = 4  # neighbours by name that a photo is matched with, to either side
 STRIDE = 7  # and every so-many-th photo beyond them: walks go around more than once
 BLURRED = 0.25  # of the median sharpness: the motion of a hand, not another distance
@@ -31,6 +31,11 @@ DARK, BRIGHT = 0.08, 0.92  # mean of a photo, of 1: little is left to match
 UNEVEN = 0.25  # standard deviation of the photos' log2 brightness: a quarter of a stop
 FEW_PHOTOS = 12  # neighbours farther apart than 30 degrees are hardly matched by SIFT
 SEED = 0
+
+STANDS_STILL = (
+    "most photos show the same things in the same places: the camera stands still, and what does "
+    'not turn with the object gives no poses; try sfm.mode = "masked", or walk around the object'
+)
 
 Grey = NDArray[np.uint8]
 
@@ -60,10 +65,13 @@ def inspect(capture: PreparedCapture, *, progress: Progress = no_progress) -> In
         features.append(sift.detectAndCompute(grey, None))
         progress(index + 1, len(names), view.name)
     if capture.cameras_are == "given":
-        matched, placed = [len(names) - 1] * len(names), len(names)
+        matched, placed, still = [len(names) - 1] * len(names), len(names), False
     else:
-        matched, placed = _matches(features)
+        matched, placed, still = _matches(features)
     problems = _problems(names, sharp, bright, matched, placed)
+    if still:
+        problems.append(STANDS_STILL)
+        placed = 0
     return Inspected(names, tuple(sharp), tuple(bright), tuple(matched), placed, tuple(problems))
 
 
@@ -76,33 +84,45 @@ def pairs(count: int) -> list[tuple[int, int]]:
 
 def _matches(
     features: Sequence[tuple[Sequence[cv2.KeyPoint], Grey | None]],
-) -> tuple[list[int], int]:
-    """Return with how many others each photo matches, and the size of the largest group."""
+) -> tuple[list[int], int, bool]:
+    """Return with how many others each photo matches, and the size of the largest group.
+
+    And whether the camera stands still: in more than half of the pairs that match, more than half
+    of the matches have not moved.
+    """
     count = len(features)
-    linked = [(a, b) for a, b in pairs(count) if _match(features[a], features[b])]
+    moved = {pair: _moved(features[pair[0]], features[pair[1]]) for pair in pairs(count)}
+    linked = [pair for pair, by in moved.items() if by is not None]
+    still = sum(by is not None and by < LOOSE for by in moved.values()) > len(linked) / 2
     matched = np.bincount(np.array(linked, dtype=np.int64).ravel(), minlength=count)
     first, second = np.array(linked, dtype=np.int64).reshape(-1, 2).T
     graph = coo_array((np.ones(len(first), np.int8), (first, second)), shape=(count, count))
     groups = connected_components(graph, directed=False)[1]
-    return [int(one) for one in matched], int(np.bincount(groups).max())
+    return [int(one) for one in matched], int(np.bincount(groups).max()), still
 
 
-def _match(
+def _moved(
     first: tuple[Sequence[cv2.KeyPoint], Grey | None],
     second: tuple[Sequence[cv2.KeyPoint], Grey | None],
-) -> bool:
-    """Say whether two photos share enough matches that lie on epipolar lines."""
+) -> float | None:
+    """Return by how many pixels the matches that lie on epipolar lines moved, the median of them.
+
+    None where two photos share too few.
+    """
     if first[1] is None or second[1] is None or min(len(first[1]), len(second[1])) < FEWEST_INLIERS:
-        return False
+        return None
     found = cv2.BFMatcher(cv2.NORM_L2).knnMatch(first[1], second[1], k=2)
     good = [two[0] for two in found if len(two) == 2 and two[0].distance < RATIO * two[1].distance]
     if len(good) < FEWEST_INLIERS:
-        return False
+        return None
     here = np.array([first[0][one.queryIdx].pt for one in good], dtype=np.float32)
     there = np.array([second[0][one.trainIdx].pt for one in good], dtype=np.float32)
     cv2.setRNGSeed(SEED)
     inliers = cv2.findFundamentalMat(here, there, cv2.FM_RANSAC, LOOSE, 0.99)[1]
-    return inliers is not None and int(inliers.sum()) >= FEWEST_INLIERS
+    if inliers is None or int(inliers.sum()) < FEWEST_INLIERS:
+        return None
+    on_lines = inliers.ravel() > 0
+    return float(np.median(np.linalg.norm(here[on_lines] - there[on_lines], axis=1)))
 
 
 def _problems(

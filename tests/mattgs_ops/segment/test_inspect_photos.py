@@ -8,7 +8,7 @@ import pytest
 
 from mattgs_ops.capture.camera import Camera, Intrinsics
 from mattgs_ops.capture.scene import PreparedCapture, View
-from mattgs_ops.segment.inspect_photos import inspect, pairs
+from mattgs_ops.segment.inspect_photos import STANDS_STILL, inspect, pairs
 
 WIDTH, HEIGHT = 240, 180
 
@@ -74,3 +74,17 @@ def test_each_pair_is_matched_once_and_every_photo_with_its_neighbours(count: in
     assert len(set(found)) == len(found)
     assert all(a < b < count for a, b in found)
     assert {(i, i + 1) for i in range(count - 1)} <= set(found)
+
+
+def test_a_camera_that_stands_still_is_told(tmp_path: Path) -> None:
+    """A turntable before a tripod: a patch in the middle changes, all around it stays."""
+    source = capture(tmp_path)
+    wall = photo(source.views[0])
+    for view in source.views:
+        turned = wall.copy()
+        turned[60:120, 80:160] = photo(view)[60:120, 80:160]
+        change(view, turned)
+    found = inspect(source)
+    assert STANDS_STILL in found.problems
+    assert found.placed == 0
+    assert STANDS_STILL not in inspect(capture(tmp_path)).problems

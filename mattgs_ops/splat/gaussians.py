@@ -47,7 +47,12 @@ class Splats:
     @classmethod
     def zeros(cls, count: int) -> "Splats":
         """Return ``count`` splats with every parameter 0 (not a valid rotation: set one)."""
-        return cls(**{name: torch.zeros((count, *shape)) for name, shape in SHAPES.items()})
+        return cls(
+            **{
+                name: torch.zeros((count, *shape), dtype=torch.float32)
+                for name, shape in SHAPES.items()
+            }
+        )
 
     def check(self) -> None:
         """Raise :class:`InputError` naming the first field that is not as documented."""

@@ -26,7 +26,9 @@ class Memory:
         size = math.prod(shape)
         kept = self._kept.get(name)
         if kept is None or len(kept) < size:
-            kept = torch.empty(size if kept is None else math.ceil(ROOM * size))
+            kept = torch.empty(
+                size if kept is None else math.ceil(ROOM * size), dtype=torch.float32
+            )
             self._kept[name] = kept
         return kept[:size].view(shape)
 
@@ -36,4 +38,4 @@ class Unshared(Memory):
 
     def take(self, name: str, *shape: int) -> Tensor:  # noqa: ARG002 - nothing is kept
         """Return a new tensor of ``shape``, its content undefined."""
-        return torch.empty(shape)
+        return torch.empty(shape, dtype=torch.float32)

@@ -165,5 +165,9 @@ def _shrink(values: Floats, size: tuple[int, int]) -> Bytes:
 def unit_range(values: Bytes, memory: Memory | None = None) -> Tensor:
     """Return bytes as float32 in [0, 1]; in ``memory``, overwriting the last call's, if given."""
     stored = torch.from_numpy(values)
-    out = torch.empty(stored.shape) if memory is None else memory.take("unit", *stored.shape)
+    out = (
+        torch.empty(stored.shape, dtype=torch.float32)
+        if memory is None
+        else memory.take("unit", *stored.shape)
+    )
     return torch.div(stored, 255, out=out)

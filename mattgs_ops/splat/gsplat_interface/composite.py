@@ -11,7 +11,6 @@ from typing import Any
 
 import torch
 from torch import Tensor
-from torch.autograd.function import once_differentiable
 
 from mattgs_ops.splat.gaussians import SH_REST
 from mattgs_ops.splat.gsplat_interface.drawing import COLOURS, Drawing, ImageGradients, Inputs, Key
@@ -79,9 +78,24 @@ class Composite(torch.autograd.Function):
         return drawing.handed_out()
 
     @staticmethod
-    @once_differentiable
     def backward(ctx: Any, grad_image: Tensor, grad_alpha: Tensor) -> Any:
-        """Return the gradients in the order of the arguments of :meth:`forward`."""
+        """Return the gradients in the order of the arguments of :meth:`forward`.
+
+        Where a graph of them is asked for, it ends in :class:`NoSecondDerivative`. (A node that
+        torch's ``once_differentiable`` marks is passed by on the way through centres and depths.)
+        """
+        with torch.no_grad():
+            grads = Composite._first(ctx, grad_image, grad_alpha)
+        if not torch.is_grad_enabled():
+            return grads
+        known = [grad for grad in grads if grad is not None]
+        causes = (grad_image, grad_alpha, *(t for t in ctx.saved_tensors if t is not None))
+        marked = NoSecondDerivative.apply(len(known), *known, *causes)  # type: ignore[no-untyped-call]
+        rest = iter(marked)
+        return tuple(None if grad is None else next(rest) for grad in grads)
+
+    @staticmethod
+    def _first(ctx: Any, grad_image: Tensor, grad_alpha: Tensor) -> tuple[Tensor | None, ...]:
         means2d, *tensors = ctx.saved_tensors
         inputs, drawing = Inputs(*tensors), ctx.drawing
         camera = ctx.needs_input_grad[-1]
@@ -93,6 +107,22 @@ class Composite(torch.autograd.Function):
         if drawing.absgrad:
             means2d.absgrad = sums.absolute[index].reshape(means2d.shape)
         return (None, None, centres, *(sums.of.get(name) for name in vars(inputs)))
+
+
+class NoSecondDerivative(torch.autograd.Function):
+    """Hands gradients on, and raises where somebody differentiates them by what they came of."""
+
+    @staticmethod
+    def forward(_ctx: Any, count: int, *tensors: Tensor) -> tuple[Tensor, ...]:
+        """Return the first ``count`` tensors; the others are what they depend on."""
+        return tuple(tensor.view_as(tensor) for tensor in tensors[:count])
+
+    @staticmethod
+    def backward(_ctx: Any, *_grads: Tensor) -> Any:
+        """Raise: the engine has first derivatives only."""
+        raise RuntimeError(
+            "rasterization: second derivatives are not supported; expected create_graph=False"
+        )
 
 
 def view_gradient(sums: Tensor, view: Tensor) -> Tensor:

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -57,9 +58,9 @@ class Drawing:
         channels, most = inputs.colors.shape[-1] + int(inputs.extra is not None), COLOURS + 1
         self.groups = [slice(i, min(i + most, channels)) for i in range(0, channels, most)]
         shape = (len(inputs.means), scene.cameras)
-        self.images = torch.empty(*shape, scene.height, scene.width, channels)
-        self.alphas = torch.empty(*shape, scene.height, scene.width, 1)
-        self.extents = torch.empty(*shape, scene.count, 2)
+        self.images = _empty(*shape, scene.height, scene.width, channels)
+        self.alphas = _empty(*shape, scene.height, scene.width, 1)
+        self.extents = _empty(*shape, scene.count, 2)
         # engine, its parameters and its fourth channel: what going back needs
         self._drawn: dict[Key, tuple[Any, tuple[Any, ...], Any]] = {}
         for key in self.passes():
@@ -104,14 +105,16 @@ class Drawing:
             ),
         )
         splats, extra = self._arrays(inputs, key)
+        if extra is not None and not np.isfinite(extra).all():
+            raise InputError(_describe_not_finite(inputs))  # the engine looks at the other three
         channels = COLOURS if extra is None else COLOURS + 1
-        image = torch.empty(scene.height, scene.width, channels)
+        image = _empty(scene.height, scene.width, channels)
         bad = engine.forward(
             splats,
             image.numpy(),
             self.alphas[b, c, :, :, 0].numpy(),
-            torch.empty(scene.count).numpy(),
-            torch.empty(scene.count, 2).numpy(),
+            _empty(scene.count).numpy(),
+            _empty(scene.count, 2).numpy(),
             self.extents[b, c].numpy(),
             extra,
         )
@@ -125,17 +128,17 @@ class Drawing:
         """Return the parameters in the engine's order, and the fourth channel [N] or None."""
         b, c, p = key
         colors = inputs.colors[b, c] if self.scene.per_camera else inputs.colors[b]
-        rest = torch.empty(0, SH_REST, 3)
+        rest = _empty(0, SH_REST, 3)
         if self.plain:
             chosen = colors[:, self.groups[p]]
-            first = torch.zeros(len(colors), COLOURS)
+            first = torch.zeros(len(colors), COLOURS, dtype=torch.float32)
             first[:, : chosen.shape[1]] = chosen[:, :COLOURS]
             extra = chosen[:, COLOURS].contiguous() if chosen.shape[1] > COLOURS else None
         else:
             first = colors[:, 0].contiguous()
             if self.scene.sh_degree:
                 used = min(colors.shape[1] - 1, SH_REST)
-                rest = torch.zeros(len(colors), SH_REST, 3)
+                rest = torch.zeros(len(colors), SH_REST, 3, dtype=torch.float32)
                 rest[:, :used] = colors[:, 1 : 1 + used]
             extra = None if inputs.extra is None else inputs.extra[b, c].contiguous()
         geometry = (inputs.means[b], inputs.scales[b], inputs.quats[b], inputs.opacities[b])
@@ -189,15 +192,15 @@ class ImageGradients:
     def taken(cls, count: int, *, rest: bool) -> "ImageGradients":
         """Return uninitialised ones."""
         return cls(
-            means=torch.empty(count, 3),
-            scales=torch.empty(count, 3),
-            quats=torch.empty(count, 4),
-            opacities=torch.empty(count),
-            first=torch.empty(count, 3),
-            rest=torch.empty(count if rest else 0, SH_REST, 3),
-            extra=torch.empty(count),
-            means2d=torch.empty(count, 2),
-            absolute=torch.empty(count, 2),
+            means=_empty(count, 3),
+            scales=_empty(count, 3),
+            quats=_empty(count, 4),
+            opacities=_empty(count),
+            first=_empty(count, 3),
+            rest=_empty(count if rest else 0, SH_REST, 3),
+            extra=_empty(count),
+            means2d=_empty(count, 2),
+            absolute=_empty(count, 2),
             camera=torch.empty(CAMERA_SUMS, dtype=torch.float64),
         )
 
@@ -209,9 +212,14 @@ class ImageGradients:
     def statistics(self, *, all_of_them: bool) -> tuple[Any, ...]:
         """Return what the engine observes of each splat; blending weights are of no use here."""
         count = len(self.means) if all_of_them else 0
-        unused = torch.empty(2, count)
+        unused = _empty(2, count)
         observed = (self.means2d, self.absolute[:count], unused[0], unused[1])
         return tuple(t.numpy() for t in observed)
+
+
+def _empty(*shape: int) -> Tensor:
+    """Return an uninitialised tensor of the engine's type, whatever torch's default is."""
+    return torch.empty(shape, dtype=torch.float32)
 
 
 def _describe_not_finite(inputs: Inputs) -> str:

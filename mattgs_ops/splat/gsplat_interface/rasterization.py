@@ -127,6 +127,9 @@ def rasterization(
     seen = (drawing.extents > 0).all(dim=-1)
     index = torch.nonzero(seen, as_tuple=True) if packed else None
     meta = _meta(scene, drawing, means2d, depths, seen, index)
+    if differentiable:  # with frozen means it is a leaf, and can be watched all the same
+        centres = meta["means2d"].requires_grad_()
+        centres.retain_grad()
     tensors = vars(inputs).values()
     images, alphas = Composite.apply(  # type: ignore[no-untyped-call]
         drawing, index, meta["means2d"], *tensors
@@ -138,7 +141,8 @@ def rasterization(
 def _centres(scene: Scene, near_plane: float) -> tuple[Tensor, Tensor]:
     """Return centres on the image [B, C, N, 2], px, and depths [B, C, N], both in the graph."""
     rotation, translation = scene.viewmats[..., :3, :3], scene.viewmats[..., :3, 3]
-    local = torch.einsum("bcij,bnj->bcni", rotation, scene.means) + translation[:, :, None]
+    with torch.autocast("cpu", enabled=False):  # in bfloat16 centres are a pixel off
+        local = torch.einsum("bcij,bnj->bcni", rotation, scene.means) + translation[:, :, None]
     depths = local[..., 2]
     z = torch.where(depths > near_plane, depths, torch.ones_like(depths))[..., None]
     focal = scene.Ks[:, :, [0, 1], [0, 1]][:, :, None]

@@ -88,6 +88,14 @@ def test_nan_and_infinity_are_named(name: str, value: float) -> None:
         rasterization(**given)
 
 
+@pytest.mark.parametrize("channel", range(8))
+def test_nan_is_named_in_any_channel(channel: int) -> None:
+    colors = torch.rand(5, 8)
+    colors[3, channel] = float("nan")
+    with pytest.raises(InputError, match="colors: expected"):
+        rasterization(**arguments(colors=colors))
+
+
 def test_the_package_has_no_other_public_function() -> None:
     import mattgs_ops.splat
 

@@ -4,6 +4,7 @@ import gc
 import re
 import runpy
 import weakref
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -28,7 +29,6 @@ def test_meta_is_gsplats(packed: bool) -> None:
     images, _, meta = rasterization(
         **given, width=WIDTH, height=HEIGHT, packed=packed, absgrad=True
     )
-    meta["means2d"].retain_grad()
     images.square().sum().backward()
     slow = {n: t.detach().double().requires_grad_(n == "means") for n, t in given.items()}
     for camera in range(2):
@@ -115,6 +115,55 @@ def test_the_graph_can_be_used_twice_and_changes_in_place_are_noticed() -> None:
         given["means"] += 1
     with pytest.raises(RuntimeError, match="modified by an inplace operation"):
         images.sum().backward()
+
+
+@pytest.mark.parametrize("linear", [True, False])
+@pytest.mark.parametrize("accumulate", [True, False])
+def test_second_derivatives_are_refused(linear: bool, accumulate: bool) -> None:
+    """Centres and depths are torch's: a way around the engine would give wrong numbers."""
+    given = scene(14)
+    given["means"].requires_grad_()
+    images, _, _ = rasterization(**given, width=WIDTH, height=HEIGHT)
+    loss = images.sum() if linear else images.square().sum()
+    (grad,) = torch.autograd.grad(loss, given["means"], create_graph=True)
+    again = grad.square().sum()
+    differentiate = again.backward if accumulate else partial(torch.autograd.grad, again)
+    arguments = () if accumulate else (given["means"],)
+    with pytest.raises(RuntimeError, match="second derivatives are not supported"):
+        differentiate(*arguments)
+
+
+def test_centres_retain_a_gradient_though_means_are_frozen() -> None:
+    given = scene(15)
+    given["scales"].requires_grad_()
+    images, _, meta = rasterization(**given, width=WIDTH, height=HEIGHT)
+    meta["means2d"].retain_grad()  # as gsplat's strategies do
+    images.square().sum().backward()
+    assert meta["means2d"].grad is not None
+    assert bool(meta["means2d"].grad.any())
+
+
+def test_nothing_depends_on_torchs_defaults() -> None:
+    def drawn(dtype: torch.dtype | None = None) -> list[torch.Tensor]:
+        given = {name: t.clone() for name, t in ready.items()}
+        given["means"].requires_grad_()
+        size = {"width": WIDTH, "height": HEIGHT}
+        with torch.autocast("cpu", dtype=dtype, enabled=dtype is not None):
+            images, _, meta = rasterization(**given, **size, render_mode="RGB+ED")
+        images.square().sum().backward()
+        assert given["means"].grad is not None
+        return [images.detach(), meta["means2d"].detach(), given["means"].grad]
+
+    ready = scene(16)
+    expected = drawn()
+    before = torch.get_default_dtype()
+    torch.set_default_dtype(torch.float64)
+    try:
+        wide = drawn()
+    finally:
+        torch.set_default_dtype(before)
+    for found in (wide, drawn(torch.bfloat16)):
+        assert all(torch.equal(*pair) for pair in zip(found, expected, strict=True))
 
 
 def test_the_documents_example_learns_an_image(tmp_path: Path) -> None:

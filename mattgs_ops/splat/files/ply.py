@@ -11,8 +11,9 @@ properties in another order, number type or byte order, lower SH degrees, no nor
 anything else is refused.
 """
 
+from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 import torch
@@ -31,7 +32,8 @@ PROPERTIES = (
     *(f"rot_{i}" for i in range(4)),
 )
 REQUIRED = tuple(p for p in PROPERTIES if not p.startswith(("n", "f_rest_")))
-TEXT_START = b"ply\nformat ascii"
+HEADER_END = b"end_header"
+LONGEST_HEADER = 1 << 20  # bytes; beyond it there is no header
 REST_COUNTS = {0: 0, 9: 3, 24: 8, 45: 15}  # stored f_rest values → coefficients per channel
 
 
@@ -84,11 +86,13 @@ def _vertices(path: Path) -> NDArray[Any]:
     """Return the rows of the element ``vertex`` as a structured array."""
     try:
         with path.open("rb") as file:
-            if file.read(len(TEXT_START)) == TEXT_START:
+            header = file.read(LONGEST_HEADER).partition(HEADER_END)[0]
+            if any(line.split()[:2] == [b"format", b"ascii"] for line in header.splitlines()):
                 raise InputError(f"{path}: expected a binary PLY file, found one in ascii")
             file.seek(0)
-            vertices: NDArray[Any] = PlyData.read(file)["vertex"].data
-            left = len(file.read())
+            source = file if header.isascii() else _with_ascii_header(header, file)
+            vertices: NDArray[Any] = PlyData.read(source)["vertex"].data
+            left = len(source.read())
     # numpy's own errors come from sizes in the header that the file cannot hold
     except (PlyParseError, OSError, KeyError, ValueError, OverflowError, MemoryError) as error:
         raise InputError(f"{path}: expected a PLY file with splats: {error}") from error
@@ -101,6 +105,12 @@ def _vertices(path: Path) -> NDArray[Any]:
     if wrong:
         raise InputError(f"{path}: expected one number a property, found a list in `{wrong[0]}`")
     return vertices
+
+
+def _with_ascii_header(header: bytes, file: BinaryIO) -> BytesIO:
+    """Return the file with a question mark for each byte of a comment that plyfile cannot read."""
+    plain = header.decode("ascii", errors="replace").replace("\N{REPLACEMENT CHARACTER}", "?")
+    return BytesIO(plain.encode() + file.read()[len(header) :])
 
 
 def _tensor(array: NDArray[np.float32], field: str, path: Path) -> torch.Tensor:

@@ -95,6 +95,25 @@ def test_other_trainers_files_read_too(splats: Splats, tmp_path: Path) -> None:
     assert same(found, splats)
 
 
+def test_comments_may_be_of_any_letters(splats: Splats, tmp_path: Path) -> None:
+    """Trainers write names and paths there."""
+    write_ply(splats, tmp_path / "a.ply")
+    data = (tmp_path / "a.ply").read_bytes()
+    head, end, rest = data.partition(b"end_header")
+    for end_of_line in (b"\n", b"\r\n"):
+        lines = [*head.splitlines(), "comment scene: K\u00e4fer".encode()]
+        text = end_of_line.join([*lines, end])
+        (tmp_path / "b.ply").write_bytes(text + end_of_line + rest.removeprefix(b"\n"))
+        assert same(read_ply(tmp_path / "b.ply"), splats)
+
+
+@pytest.mark.parametrize("start", [b"ply\ncomment a\nformat", b"ply\r\nformat"])
+def test_an_ascii_file_is_called_one(tmp_path: Path, start: bytes) -> None:
+    (tmp_path / "a.ply").write_bytes(start + b" ascii 1.0\nelement vertex 0\nend_header\n")
+    with pytest.raises(InputError, match="expected a binary PLY file, found one in ascii"):
+        read_ply(tmp_path / "a.ply")
+
+
 def test_no_splats_at_all_is_a_file_like_any_other(tmp_path: Path) -> None:
     write_ply(Splats.zeros(0), tmp_path / "a.ply")
     assert len(read_ply(tmp_path / "a.ply")) == 0

@@ -6,7 +6,7 @@ program is a command, never a shell's; :mod:`mattgs_ops.trainers` runs it.
 
 import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -28,12 +28,18 @@ PLACEHOLDERS = {
     "python": "the Python that runs this project, for a script of your own",
 }
 PLACEHOLDER = re.compile(r"\{([A-Za-z_]+)\}")
+FOLDERS = ("data", "output", "here", "python")  # those that stand for paths
 FIXED = ("here", "python")  # the placeholders that mean something before there is an experiment
 
 
-def _check_placeholders(arguments: tuple[str, ...]) -> tuple[str, ...]:
+def _check_command(arguments: tuple[str, ...]) -> tuple[str, ...]:
     if not arguments or not arguments[0]:
         raise ValueError('expected a program and its arguments as a list, such as ["opensplat"]')
+    _check_placeholders(arguments)
+    return arguments
+
+
+def _check_placeholders(arguments: Iterable[str]) -> None:
     for argument in arguments:
         for name in PLACEHOLDER.findall(argument):
             if name not in PLACEHOLDERS:
@@ -41,10 +47,9 @@ def _check_placeholders(arguments: tuple[str, ...]) -> tuple[str, ...]:
                     f"unknown placeholder {{{name}}}: expected one of "
                     f"{', '.join(f'{{{known}}}' for known in PLACEHOLDERS)}"
                 )
-    return arguments
 
 
-Command = Annotated[tuple[str, ...], AfterValidator(_check_placeholders)]
+Command = Annotated[tuple[str, ...], AfterValidator(_check_command)]
 
 
 class TrainerConfig(Frozen):
@@ -75,7 +80,8 @@ class TrainerConfig(Frozen):
         None, gt=0, description="seconds; None: `run.stage_timeout`, as for every stage"
     )
     environment: dict[str, str] = Field(
-        default_factory=dict, description="environment variables beside those of this process"
+        default_factory=dict,
+        description="environment variables beside those of this process, with placeholders",
     )
     folder: Path = Field(Path(), description="what {here} stands for; set when a file is read")
 
@@ -84,8 +90,9 @@ class TrainerConfig(Frozen):
         for name in PLACEHOLDER.findall(" ".join(self.version or ())):
             if name not in FIXED:
                 raise ValueError(f"`version`: {{{name}}} is not known before a training")
-        if self.result is not None and not is_below(self.result):
-            raise ValueError(f"`result`: expected a path below {{output}}, found {self.result!r}")
+        _check_placeholders(self.environment.values())
+        if self.result is not None:
+            _check_result(self.result)
         if self.progress is not None:
             try:
                 groups = re.compile(self.progress).groups
@@ -98,12 +105,25 @@ class TrainerConfig(Frozen):
     @property
     def takes_budget(self) -> bool:
         """Whether the program can be told how many splats it may have."""
-        return any("{budget}" in argument for argument in self.command)
+        told = (*self.command, *self.environment.values())
+        return any("{budget}" in argument for argument in told)
 
     @property
     def fixed(self) -> dict[str, object]:
         """What the placeholders of ``FIXED`` stand for."""
         return {"here": self.folder, "python": sys.executable}
+
+
+def _check_result(pattern: str) -> None:
+    """Raise for a pattern that finds nothing below {output}, after a whole training."""
+    if not is_below(pattern):
+        raise ValueError(f"`result`: expected a path below {{output}}, found {pattern!r}")
+    _check_placeholders([pattern])
+    for name in PLACEHOLDER.findall(pattern):
+        if name in FOLDERS:
+            raise ValueError(f"`result`: is below {{output}} already; {{{name}}} is another path")
+    if any("**" in part and part != "**" for part in pattern.split("/")):
+        raise ValueError(f"`result`: expected ** as a whole folder, found {pattern!r}")
 
 
 def fill(text: str, values: Mapping[str, object]) -> str:

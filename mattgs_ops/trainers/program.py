@@ -16,6 +16,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Thread
 
 from mattgs_ops.errors import StageError
 from mattgs_ops.store.digests import file_digest
@@ -23,6 +24,7 @@ from mattgs_ops.trainer import TrainerConfig, fill
 
 VERSION_SECONDS = 120.0  # importing a deep learning library alone may take half a minute
 LAST_LINES = 3  # quoted when it fails
+LAST_WORDS_SECONDS = 5.0  # for what it printed before it ended to be read
 VERSION_LETTERS, NOTE_LETTERS = 120, 60
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
 # As in `Step 10: 0.12 (1%)` or `iteration=10`
@@ -59,7 +61,10 @@ def identify(name: str, trainer: TrainerConfig) -> Identity:
     command = [fill(part, trainer.fixed) for part in trainer.command]
     files = [_executable(name, command[0], environment)]
     files += [Path(part) for part in command[1:] if "{" not in part and Path(part).is_file()]
-    digests = {path.name: file_digest(path) for path in files}
+    digests: dict[str, str] = {}
+    for place, path in enumerate(files):  # two may have one name
+        key = path.name if path.name not in digests else f"{path.name} ({place})"
+        digests[key] = file_digest(path)
     if trainer.version is None:
         return Identity("", digests)
     command = [fill(part, trainer.fixed) for part in trainer.version]
@@ -87,9 +92,15 @@ def identify(name: str, trainer: TrainerConfig) -> Identity:
     return Identity(CONTROL.sub("", lines[0])[:VERSION_LETTERS], digests)
 
 
-def environment_of(trainer: TrainerConfig) -> dict[str, str]:
-    """Return this process's environment with the trainer's own variables."""
-    own = {name: fill(value, trainer.fixed) for name, value in trainer.environment.items()}
+def environment_of(
+    trainer: TrainerConfig, values: Mapping[str, object] | None = None
+) -> dict[str, str]:
+    """Return this process's environment with the trainer's own variables.
+
+    ``values`` are those of the placeholders; None: of those that mean something before a training.
+    """
+    known = trainer.fixed if values is None else values
+    own = {name: fill(value, known) for name, value in trainer.environment.items()}
     return {**os.environ, **own}
 
 
@@ -112,7 +123,9 @@ def run(
 ) -> Usage:
     """Run a program in ``folder`` to its end; every line of its output goes to ``on_line``.
 
-    Raises :class:`StageError` when it cannot start, or ends with anything but success.
+    It has ended when its own process has, whatever it started that still holds its output open.
+    Raises :class:`StageError` when it cannot start, or ends with anything but success, and what
+    ``on_line`` raises, which ends the program.
     """
     libc = ctypes.CDLL(None, use_errno=True)
     last: deque[str] = deque(maxlen=LAST_LINES)
@@ -133,19 +146,32 @@ def run(
         )
     except OSError as error:
         raise StageError(f"trainer {name}: {command[0]} does not start: {error}") from error
-    with process:
+    broken: list[BaseException] = []
+
+    def listen() -> None:
+        assert process.stdout is not None
         try:
-            assert process.stdout is not None
-            for raw in process.stdout:
-                line = CONTROL.sub("", raw).strip()
-                if line:
-                    last.append(line)
-                    on_line(line)
-            code = process.wait()
-        except BaseException:
+            with process.stdout:
+                for raw in process.stdout:
+                    line = CONTROL.sub("", raw).strip()
+                    if line:
+                        last.append(line)
+                        on_line(line)
+        except BaseException as error:
+            broken.append(error)
             process.kill()
-            raise
+
+    reader = Thread(target=listen, daemon=True)
+    try:
+        reader.start()
+        code = process.wait()
+    except BaseException:
+        process.kill()
+        raise
     seconds = time.monotonic() - began
+    reader.join(LAST_WORDS_SECONDS)
+    if broken:
+        raise broken[0]
     if code != 0:
         said = " | ".join(last) or "it printed nothing"
         raise StageError(f"trainer {name}: its process {_how(code)}: {said}")

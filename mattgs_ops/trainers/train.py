@@ -60,7 +60,7 @@ def operate(arguments: dict[str, Any], out: Path, threads: int, progress: Progre
     calibration = calibrate()
     print("+", *command, flush=True)  # noqa: T201 - a stage's standard output is its log
     with machine_load.sampled(out / machine_load.LOAD_FILE):
-        usage = program.run(name, command, output, program.environment_of(trainer), listen)
+        usage = program.run(name, command, output, program.environment_of(trainer, values), listen)
     splats = take_splats(name, trainer, output, values, out / PLY)
     report = TrainingReport(
         schema=SCHEMA,

@@ -149,16 +149,18 @@ def _start(job: StageJob, job_file: Path, log: IO[bytes]) -> Child | int:
 
 
 def _end(child: Child) -> None:
-    """End the child's whole process group, politely first."""
+    """End the child's process group, politely first; what outlives the child in it is killed."""
     for signal_number, patience in ((signal.SIGTERM, GRACE_SECONDS), (signal.SIGKILL, None)):
         if child.poll() is not None:
-            return
+            break
         with suppress(ProcessLookupError):  # it ended just now
             os.killpg(child.pid, signal_number)
         try:
             child.wait(timeout=patience)
         except subprocess.TimeoutExpired:
             continue
+    with suppress(ProcessLookupError, PermissionError):  # nobody is left
+        os.killpg(child.pid, signal.SIGKILL)
 
 
 def _environment(threads: int) -> dict[str, str]:

@@ -1,8 +1,59 @@
-"""How far a program says it is, in the words of several."""
+"""Another program: which one it is, its run, and how far it says it is, in the words of several."""
+
+import sys
+import time
+from pathlib import Path
 
 import pytest
 
-from mattgs_ops.trainers.program import step_of
+from mattgs_ops.errors import StageError
+from mattgs_ops.trainer import TrainerConfig
+from mattgs_ops.trainers.program import environment_of, identify, run, step_of
+
+
+@pytest.mark.parametrize("code", [0, 3])
+def test_it_has_ended_though_what_it_started_holds_its_output(tmp_path: Path, code: int) -> None:
+    lines: list[str] = []
+    command = ["sh", "-c", f"sleep 20 & echo done; exit {code}"]
+    began = time.monotonic()
+    if code:
+        with pytest.raises(StageError, match="status 3: done"):
+            run("peer", command, tmp_path, environment_of(PEER), lines.append)
+    else:
+        assert run("peer", command, tmp_path, environment_of(PEER), lines.append).wall_seconds < 5
+    assert time.monotonic() - began < 19
+    assert lines == ["done"]
+
+
+def test_what_a_listener_raises_ends_it(tmp_path: Path) -> None:
+    def refuse(line: str) -> None:
+        raise KeyError(line)
+
+    with pytest.raises(KeyError, match="hello"):
+        run("peer", ["sh", "-c", "echo hello; sleep 60"], tmp_path, environment_of(PEER), refuse)
+
+
+def test_two_files_of_one_name_are_both_part_of_what_it_is(tmp_path: Path) -> None:
+    files = [tmp_path / folder / "conf.yaml" for folder in ("a", "b")]
+    for file in files:
+        file.parent.mkdir()
+        file.write_text("1")
+    trainer = TrainerConfig(command=(sys.executable, *map(str, files)))
+    found = [identify("peer", trainer)]
+    for file in files:
+        file.write_text("2")
+        found.append(identify("peer", trainer))
+    assert found[0] != found[1] != found[2]
+
+
+def test_its_environment_is_filled_in() -> None:
+    trainer = TrainerConfig(command=("peer",), environment={"OMP_NUM_THREADS": "{threads}"})
+    assert environment_of(trainer, {"threads": 3})["OMP_NUM_THREADS"] == "3"
+    told = TrainerConfig(command=("peer",), environment={"CAP": "{budget}"})
+    assert told.takes_budget
+
+
+PEER = TrainerConfig(command=("peer",))
 
 
 @pytest.mark.parametrize(

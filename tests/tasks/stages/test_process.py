@@ -15,7 +15,7 @@ from tasks.stages.status import StatusFile, read
 from tests.tasks.waiting import alive, wait_for
 
 OPERATIONS = """
-import ctypes, os, time
+import ctypes, os, subprocess, time
 from pathlib import Path
 from mattgs_ops.errors import InputError, StageError
 
@@ -47,6 +47,13 @@ def leaves(arguments, out, threads, progress):
 def endless(arguments, out, threads, progress):
     (out / "pid").write_text(str(os.getpid()))
     time.sleep(600)
+
+def leaves_a_service(arguments, out, threads, progress):
+    command = "trap '' TERM; echo $$ > pid; sleep 600 & wait; wait"
+    subprocess.Popen(["sh", "-c", command], cwd=out, stdin=subprocess.DEVNULL)
+    while not (out / "pid").is_file() or not (out / "pid").read_text():
+        time.sleep(0.01)
+    time.sleep(600 * arguments["stays"])
 """
 
 
@@ -121,6 +128,17 @@ def test_a_stage_that_takes_too_long_is_ended(job: Any, tmp_path: Path) -> None:
     with pytest.raises(StageError, match="longer than 2 s"):
         run(job("endless", timeout=2))
     assert not alive(int((tmp_path / "pid").read_text()))
+
+
+@pytest.mark.parametrize("stays", [True, False])
+def test_nothing_that_a_stage_started_outlives_it(job: Any, tmp_path: Path, stays: bool) -> None:
+    """A trainer's script starts the trainer, which may not listen to SIGTERM."""
+    if stays:
+        with pytest.raises(StageError, match="longer than 2 s"):
+            run(job("leaves_a_service", timeout=2, stays=True))
+    else:
+        run(job("leaves_a_service", stays=False))
+    wait_for(lambda: not alive(int((tmp_path / "pid").read_text())), 10)
 
 
 def test_a_stage_dies_with_the_process_that_started_it(job: Any, tmp_path: Path) -> None:

@@ -34,19 +34,18 @@ def read_toml(path: Path) -> dict[str, Any]:
 def load_toml(path: Path) -> BenchmarkConfig:
     """Read a benchmark's TOML file; raises :class:`InputError` naming file and field.
 
-    Relative paths of captures, masks and ``lpips`` are taken from the file's own folder, which is
-    also what ``{here}`` means to trainers.
+    Relative paths of captures, masks, ``lpips``, ``segment.model`` and ``run.dask_certificates``
+    are taken from the file's own folder, which is also what ``{here}`` means to trainers.
     """
     data = read_toml(path)
     captures = data.get("captures")
     for capture in captures if isinstance(captures, list) else []:
-        for key in ("path", "masks"):
-            if isinstance(capture, dict) and isinstance(capture.get(key), str):
-                capture[key] = str((path.parent / capture[key]).resolve())
-    if isinstance(data.get("lpips"), str):
-        data["lpips"] = str((path.parent / data["lpips"]).resolve())
-        if not Path(data["lpips"]).is_file():
-            raise InputError(f"{path}: `lpips`: expected a file of weights at {data['lpips']}")
+        _place(capture, ("path", "masks"), path.parent)
+    _place(data.get("segment"), ("model",), path.parent)
+    _place(data.get("run"), ("dask_certificates",), path.parent)
+    _place(data, ("lpips",), path.parent)
+    if isinstance(data.get("lpips"), str) and not Path(data["lpips"]).is_file():
+        raise InputError(f"{path}: `lpips`: expected a file of weights at {data['lpips']}")
     trainers = data.get("trainers")
     for trainer in trainers.values() if isinstance(trainers, dict) else []:
         if isinstance(trainer, dict):
@@ -55,3 +54,10 @@ def load_toml(path: Path) -> BenchmarkConfig:
         return BenchmarkConfig.model_validate(data)
     except ValidationError as error:
         raise describe(error, str(path)) from error
+
+
+def _place(table: object, keys: tuple[str, ...], folder: Path) -> None:
+    """Make paths of a table absolute; whatever is no table or no path is validated later."""
+    for key in keys:
+        if isinstance(table, dict) and isinstance(table.get(key), str):
+            table[key] = str((folder / table[key]).resolve())

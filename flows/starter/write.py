@@ -5,10 +5,14 @@ import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, distribution
+from itertools import count
 from pathlib import Path
+from tempfile import NamedTemporaryFile
 from typing import Any
 
+from mattgs_ops.capture.formats import colmap, nerfstudio
 from mattgs_ops.capture.photos import SUFFIXES
+from mattgs_ops.capture.source import IMAGES, MASKS
 from mattgs_ops.config_file import load_toml
 from mattgs_ops.errors import InputError
 from mattgs_ops.naming import capture_name, checked_name
@@ -50,12 +54,21 @@ def write(folder: Path, photos: Path | None = None, name: str | None = None) -> 
             f"{folder}: expected none of the files that are written, found {', '.join(there)}; "
             "move them away, or call this in another folder"
         )
+    captures = _checked(texts[BENCHMARK], folder)
     for file, text in texts.items():
         path = folder / file
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
-    captures = load_toml(folder / BENCHMARK).captures
     return Written(tuple(folder / file for file in texts), _notes(captures))
+
+
+def _checked(text: str, folder: Path) -> Sequence[Any]:
+    """Return the captures of a benchmark's text, read as it will be; raises what reading raises."""
+    folder.mkdir(parents=True, exist_ok=True)  # paths are relative to it
+    with NamedTemporaryFile("w", suffix=".toml", dir=folder, encoding="utf-8") as file:
+        file.write(text)
+        file.flush()
+        return load_toml(Path(file.name)).captures
 
 
 def _notes(captures: Sequence[Any]) -> tuple[str, ...]:
@@ -75,12 +88,22 @@ def _notes(captures: Sequence[Any]) -> tuple[str, ...]:
 
 def _benchmark(folder: Path, photos: Path | None, name: str) -> str:
     found = _captures(folder, photos)
-    names = {path: _capture_name(path, name, alone=len(found) == 1) for path in found}
+    wanted = [_capture_name(path, name, alone=len(found) == 1) for path in found]
+    paths = [json.dumps(_relative(path, folder), ensure_ascii=False) for path in found]
     tables = [
-        f'[[captures]]\nname = "{names[path]}"\npath = {json.dumps(_relative(path, folder))}\n'
-        for path in found
+        f'[[captures]]\nname = "{own}"\npath = {path}\n'
+        for own, path in zip(_different(wanted), paths, strict=True)
     ] or [f'[[captures]]\nname = "{FALLBACK}"    # bundled; name your own photos instead\n']
     return _template("benchmark.toml", NAME=name, CAPTURES="\n".join(tables))
+
+
+def _different(names: Sequence[str]) -> list[str]:
+    """Add -2, -3 and so on to names that were there before."""
+    out: list[str] = []
+    for name in names:
+        numbered = (f"{name}-{number}" for number in count(2))
+        out.append(name if name not in out else next(n for n in numbered if n not in out))
+    return out
 
 
 def _capture_name(photos: Path, benchmark: str, *, alone: bool) -> str:
@@ -99,20 +122,31 @@ def _captures(folder: Path, photos: Path | None) -> list[Path]:
                 "found neither"
             )
         return found
+    if _is_whole(folder):
+        return [folder]
     places = (folder / name for name in PHOTO_FOLDERS)
     return next((found for place in places if (found := _objects(place))), [])
 
 
 def _objects(folder: Path) -> list[Path]:
-    """Return ``folder`` where photos lie in it, else those folders below it that hold photos."""
-    if _has_photos(folder):
+    """Return ``folder`` where it is one capture, else those folders below it that are one each."""
+    if _is_whole(folder) or _has_photos(folder):
         return [folder]
     below = sorted(folder.iterdir()) if folder.is_dir() else []
-    return [path for path in below if _has_photos(path)]
+    shown = [path for path in below if not path.name.startswith(".")]
+    return [path for path in shown if _is_whole(path) or _has_photos(path)]
+
+
+def _is_whole(folder: Path) -> bool:
+    """Whether poses or masks lie beside photos, which belong to one capture."""
+    if not folder.is_dir():
+        return False
+    beside = (folder / IMAGES).is_dir() and (folder / MASKS).is_dir()
+    return beside or nerfstudio.is_there(folder) or colmap.model_folder(folder) is not None
 
 
 def _has_photos(folder: Path) -> bool:
-    if not folder.is_dir() or folder.name == "masks":
+    if not folder.is_dir() or folder.name.lower() == MASKS:
         return False
     count = sum(path.suffix.lower() in SUFFIXES for path in folder.iterdir())
     return count >= FEWEST_PHOTOS

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from mattgs_ops.capture.photos import FORMATS, UNREADABLE, bit_depth
+from mattgs_ops.capture.photos import FORMATS, UNREADABLE, bit_depth, upright
 from mattgs_ops.errors import InputError
 
 THRESHOLD = 128  # values from here on are object
@@ -23,7 +23,7 @@ INVERTED_CENTRE = 0.5  # … and less than this share of the middle third: looks
 
 def find_mask(folder: Path, photo_name: str) -> Path:
     """Return the mask of a photo in ``folder``; raises :class:`InputError` naming what to add."""
-    stem = Path(photo_name).stem
+    stem = Path(photo_name).with_suffix("").as_posix()  # with the folders that it lies in
     candidates = [f"{photo_name}.png", f"{stem}.png", photo_name]
     for name in candidates:
         if (folder / name).is_file():
@@ -41,6 +41,8 @@ def decode_mask(path: Path, size: tuple[int, int] | None = None) -> NDArray[np.u
 def decode_coverage(path: Path, size: tuple[int, int] | None = None) -> NDArray[np.uint8]:
     """Decode a mask as it was saved, [H, W] uint8: of 255, the share of a pixel that is object.
 
+    It is turned as its EXIF asks for, as photos are.
+
     ``size`` is the photo's (width, height), which the mask must have. Raises :class:`InputError`
     for masks that are unreadable, coloured, 16-bit, of another size, empty, or hold 0 and 1.
     """
@@ -48,7 +50,7 @@ def decode_coverage(path: Path, size: tuple[int, int] | None = None) -> NDArray[
         with Image.open(path, formats=FORMATS) as image:
             if bit_depth(path, image) > 8:
                 raise InputError(f"{path}: more than 8 bits per channel; save it with 8 bits")
-            values = _single_channel(path, image)
+            values = _single_channel(path, upright(image))
     except UNREADABLE as error:
         raise InputError(f"{path}: cannot be read as a mask ({error}); save it again") from error
     found = (values.shape[1], values.shape[0])

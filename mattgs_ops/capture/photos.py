@@ -6,6 +6,7 @@ what to do about it. Decoding applies the EXIF orientation once; nothing downstr
 """
 
 import math
+import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import ExifTags, Image, ImageOps, UnidentifiedImageError
+from PIL import ExifTags, Image, UnidentifiedImageError
 
 from mattgs_ops.capture.formats.split_lists import LIST_FILES
 from mattgs_ops.errors import InputError
@@ -28,7 +29,21 @@ TIFF_BITS_PER_SAMPLE = 258
 FILM_DIAGONAL = math.hypot(36.0, 24.0)  # mm, of the film that 35 mm equivalents refer to
 SAME_SHAPE = 0.02  # difference of aspect ratios that rounding of pixels explains
 UPRIGHT, SIDEWAYS = 1, frozenset({5, 6, 7, 8})  # EXIF 2.32, orientation
-UNREADABLE = (OSError, SyntaxError, ValueError, Image.DecompressionBombError)
+# What Pillow raises for files that are damaged, a few of which only its own format's code does
+UNREADABLE = (
+    *(OSError, SyntaxError, ValueError, TypeError, LookupError, struct.error),
+    Image.DecompressionBombError,
+)
+TURNS = {  # EXIF 2.32, orientation: how pixels as stored become upright
+    2: Image.Transpose.FLIP_LEFT_RIGHT,
+    3: Image.Transpose.ROTATE_180,
+    4: Image.Transpose.FLIP_TOP_BOTTOM,
+    5: Image.Transpose.TRANSPOSE,
+    6: Image.Transpose.ROTATE_270,
+    7: Image.Transpose.TRANSVERSE,
+    8: Image.Transpose.ROTATE_90,
+}
+LONGEST_NAME = 251  # bytes; stages add `.png`, and file systems end at 255
 
 
 @dataclass(frozen=True)
@@ -61,7 +76,10 @@ def list_photos(folder: Path, masks: Path | None = None) -> tuple[list[Path], li
         lower = path.name.lower()
         if lower in IGNORED_FILES:
             continue
-        if path.suffix.lower() in SUFFIXES or _is_image(path):
+        named = _name_problem(path, folder)
+        if named:
+            problems.append(named)
+        elif path.suffix.lower() in SUFFIXES or _is_image(path):
             photos.append(path)
         else:
             problems.append(
@@ -99,10 +117,10 @@ def decode(path: Path) -> Photo:
     try:
         with Image.open(path, formats=FORMATS) as image:
             _refuse_unsuitable(path, image)
-            upright = ImageOps.exif_transpose(image)
-            transparent = upright.has_transparency_data
+            turned = upright(image)
+            transparent = turned.has_transparency_data
             focal = exif_focal(image.getexif(), image.size)
-            pixels = np.asarray(upright.convert("RGBA" if transparent else "RGB"))
+            pixels = np.asarray(turned.convert("RGBA" if transparent else "RGB"))
     except UnidentifiedImageError as error:
         raise InputError(
             f"{path}: cannot be read as an image; replace it by an intact copy or remove it"
@@ -118,6 +136,17 @@ def decode(path: Path) -> Photo:
     if alpha is None and _has_no_colour(rgb):
         raise InputError(_grey(path))
     return Photo(rgb, alpha, focal)
+
+
+def upright(image: Image.Image) -> Image.Image:
+    """Return an image turned as its EXIF asks for.
+
+    Pillow's ``exif_transpose`` also writes all EXIF anew, which ends in an error where a camera or
+    a program has left a tag of the wrong type.
+    """
+    image.load()  # a TIFF is turned then, and asks for nothing any more
+    turn = TURNS.get(image.getexif().get(ExifTags.Base.Orientation, UPRIGHT))
+    return image if turn is None else image.transpose(turn)
 
 
 def read_rgb(path: Path) -> NDArray[np.uint8]:
@@ -205,6 +234,17 @@ def _is_image(path: Path) -> bool:
             return True
     except UNREADABLE:  # UnidentifiedImageError is an OSError
         return False
+
+
+def _name_problem(path: Path, folder: Path) -> str:
+    """Say what is wrong with a file's name; empty where it can be used."""
+    try:
+        name = path.relative_to(folder).as_posix().replace("/", "__").encode()
+    except UnicodeEncodeError:  # as from an archive of another system
+        return f"{str(path)!a}: its name is not UTF-8; rename it"
+    if len(name) > LONGEST_NAME:
+        return f"{path}: its name is {len(name)} bytes long with its folders; shorten it"
+    return ""
 
 
 def _hint(lower_name: str) -> str:

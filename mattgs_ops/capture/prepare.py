@@ -163,7 +163,12 @@ def _check(source: Source, progress: Progress) -> MasksAre:
             problems += _camera_problems(where.path, photo, source.posed.get(where.path))
             coverage = _coverage(source, where, photo)
             if coverage is not None:
-                inverted[where.name] = looks_inverted(binary(coverage, str(where.path)))
+                mask = binary(coverage, str(where.path))
+                inverted[where.name] = looks_inverted(mask)
+                if mask.all():
+                    problems.append(
+                        f"{where.path}: its mask is white all over; expected object and background"
+                    )
         except InputError as error:
             problems.append(str(error))
         progress(index + 1, 2 * total, f"{where.name} checked")

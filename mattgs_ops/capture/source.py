@@ -28,6 +28,7 @@ BUNDLED_FOLDER = Path(__file__).resolve().parent.parent / "bundled"
 # Stands for the slash in the name of a view whose photo lies in a folder of its own: later stages
 # keep all views of a capture in one folder.
 FOLDER_MARK = "__"
+IMAGES, MASKS = "images", "masks"  # folders of a capture, as nerfstudio and COLMAP call them
 
 
 @dataclass(frozen=True)
@@ -147,10 +148,12 @@ def _of_frames(
 
 def _of_folder(capture: CaptureConfig, root: Path, *, with_model: bool) -> Source:
     """Make a source of a folder of photos, with the COLMAP model beside them or without."""
-    images = root / "images" if (root / "images").is_dir() else root
+    images = root / IMAGES if (root / IMAGES).is_dir() else root
     paths, problems = list_photos(images, capture.masks)
     if images != root:
         problems += _beside(root, images)
+    if capture.masks is None:
+        problems += _unused_masks(images)
     raise_all(problems)
     found, model = PosedCapture(()), colmap.model_folder(root) or root / "sparse"
     if with_model:
@@ -188,7 +191,26 @@ def _named(paths: Sequence[Path], folder: Path) -> tuple[SourcePhoto, ...]:
 
 
 def _mask_folder(*beside: Path) -> Path | None:
-    return next((f / "masks" for f in beside if (f / "masks").is_dir()), None)
+    """Return the folder ``masks``, in whatever case, beside photos or beside their ``images``."""
+    places = [*beside, *(place.parent for place in beside if place.name == IMAGES)]
+    found = (
+        path
+        for place in places
+        for path in sorted(place.iterdir())
+        if path.name.lower() == MASKS and path.is_dir()
+    )
+    return next(found, None)
+
+
+def _unused_masks(images: Path) -> list[str]:
+    """Name folders of masks within folders of photos: masks lie in one folder beside all photos."""
+    return [
+        f"{path}: masks in a folder of photos are not found; move them to {images / MASKS}, into "
+        f"the folder {path.relative_to(images).parent}"
+        for path in sorted(images.rglob("*"))
+        if path.name.lower() == MASKS and path.is_dir() and path.parent != images
+        if not any(part.startswith(".") for part in path.relative_to(images).parts)
+    ]
 
 
 def _beside(root: Path, images: Path) -> list[str]:

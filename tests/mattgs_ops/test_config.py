@@ -152,6 +152,13 @@ def test_budgets_go_to_all_that_can_keep_to_them(tmp_path: Path) -> None:
         load_toml(write(tmp_path, "budgets = [3]\n"))
 
 
+def test_a_network_and_certificates_lie_beside_the_benchmarks_file(tmp_path: Path) -> None:
+    path = write(tmp_path, '[segment]\nmodel = "u2net.onnx"\n[run]\ndask_certificates = "keys"\n')
+    config = load_toml(path)
+    assert config.segment.model == tmp_path / "u2net.onnx"
+    assert config.run.dask_certificates == tmp_path / "keys"
+
+
 def test_weights_of_lpips_lie_beside_the_benchmarks_file_and_are_sought_at_once(
     tmp_path: Path,
 ) -> None:

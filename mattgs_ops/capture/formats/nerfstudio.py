@@ -180,7 +180,10 @@ def _resolve(folder: Path, file_path: object, where: str) -> Path:
 
 
 def _lens(values: dict[str, Any], photo: Path, where: str) -> Lens:
-    model = values.get("camera_model", "OPENCV")
+    # instant-ngp's own scripts write the flag instead of a model
+    model = values.get("camera_model") or (
+        "OPENCV_FISHEYE" if values.get("is_fisheye") else "OPENCV"
+    )
     if model not in CAMERA_MODELS:
         expected = ", ".join(CAMERA_MODELS)
         raise InputError(f"{where}: camera model {model!r}: expected one of {expected}")

@@ -172,8 +172,12 @@ def test_a_baseline_is_made_of_a_run(rows: list[Row], tmp_path: Path) -> None:
     assert dict(made.noise) == {}
     again = tmp_path / "again.json"
     again.write_text(json.dumps(rows))
+    done = mattgs("baseline", file, "--benchmark", "quick-ci", "--again", again, "--out", tmp_path)
+    assert "expected runs that differ" in str(done.exception)
+    rows[0]["per_view"][0]["psnr"] += 0.1
+    again.write_text(json.dumps(rows))
     mattgs("baseline", file, "--benchmark", "quick-ci", "--again", again, "--out", tmp_path)
-    assert baseline.load(file).noise["psnr"] == 0
+    assert baseline.load(file).noise["psnr"] > 0
 
 
 def test_the_committed_baseline_is_of_the_committed_benchmark() -> None:

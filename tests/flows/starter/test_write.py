@@ -64,6 +64,35 @@ def test_a_folder_for_each_object_becomes_a_capture_each(
     assert captures_of(work) == {n: tmp_path / "elsewhere" / n for n in ("cup", "shoe")}
 
 
+def test_folders_of_any_names_become_captures_of_different_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("объект", "предмет", "a b", "a-b", "🚗 car"):
+        photos_in(tmp_path / "photos" / name)
+    init(tmp_path, monkeypatch)
+    found = captures_of(tmp_path)
+    assert len(found) == 5
+    assert {"a-b", "a-b-2", "car"} <= found.keys()
+    assert {path.name for path in found.values() if path} == {
+        path.name for path in (tmp_path / "photos").iterdir()
+    }
+
+
+def test_poses_and_masks_beside_photos_stay_with_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("images", "images_2", "masks", "sparse/0", ".thumbnails"):
+        photos_in(tmp_path / name)
+    init(tmp_path, monkeypatch)
+    assert list(captures_of(tmp_path).values()) == [tmp_path]
+    posed, work = tmp_path / "posed", tmp_path / "work"
+    photos_in(posed / "images")
+    (posed / "transforms.json").write_text("{}")
+    work.mkdir()
+    init(work, monkeypatch, "--photos", posed)
+    assert captures_of(work) == {"posed": posed}
+
+
 def test_without_photos_a_bundled_capture_stands_in_and_it_is_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

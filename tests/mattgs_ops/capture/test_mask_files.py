@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import ExifTags, Image
 
 from mattgs_ops.capture.mask_files import decode_mask, find_mask, looks_inverted, polarity_problem
 from mattgs_ops.capture.prepare import prepare
@@ -40,6 +40,15 @@ def test_the_whole_name_goes_before_the_stem(tmp_path: Path) -> None:
 def test_a_missing_mask_names_what_to_add(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"no mask for IMG_1\.jpg; add IMG_1\.jpg\.png or IMG_1"):
         find_mask(tmp_path, "IMG_1.jpg")
+
+
+def test_a_mask_is_turned_as_its_exif_asks_for(tmp_path: Path) -> None:
+    """A photo and its mask that a program has turned alike stay on each other."""
+    exif = Image.Exif()
+    exif[ExifTags.Base.Orientation] = 6
+    Image.fromarray(disc()).save(tmp_path / "a.png", exif=exif)
+    turned = decode_mask(tmp_path / "a.png", SIZE[::-1])
+    np.testing.assert_array_equal(turned, np.rot90(disc(), -1))
 
 
 def test_masks_are_thresholded_at_half(tmp_path: Path) -> None:

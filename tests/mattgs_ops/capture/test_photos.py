@@ -1,10 +1,13 @@
 """Photos on disk: what is accepted, what is refused, and that decoding keeps the pixels."""
 
+import os
+import shutil
+import struct
 from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import ExifTags, Image
 
 from mattgs_ops.capture.photos import (
     Photo,
@@ -62,6 +65,18 @@ def test_exif_orientation_is_baked_into_the_pixels(tmp_path: Path, orientation: 
     Image.fromarray(rgb).save(tmp_path / "a.png", exif=exif)
     np.testing.assert_array_equal(decode(tmp_path / "a.png").rgb, UPRIGHT[orientation](rgb))
     assert exif_orientation(tmp_path / "a.png") == orientation
+
+
+@pytest.mark.parametrize("tag", [ExifTags.Base.XResolution, ExifTags.Base.ImageWidth])
+def test_a_turned_photo_with_a_tag_of_the_wrong_type_is_read(tmp_path: Path, tag: int) -> None:
+    """A number stored as text: Pillow reads it, and cannot write it again."""
+    entries = [(ORIENTATION, 3, 1, struct.pack("<HH", 6, 0)), (tag, 2, 4, b"72 \0")]
+    table = b"".join(struct.pack("<HHI", *entry) + value for *entry, value in sorted(entries))
+    exif = b"Exif\0\0II*\0" + struct.pack("<IH", 8, len(entries)) + table + bytes(4)
+    rgb = colours()
+    Image.fromarray(rgb).save(tmp_path / "a.jpg", exif=exif, quality=100, subsampling=0)
+    found = decode(tmp_path / "a.jpg").rgb.astype(int)
+    assert np.abs(found - np.rot90(rgb, -1)).mean() < 3
 
 
 @pytest.mark.parametrize("suffix", ["png", "jpg", "tiff"])
@@ -159,6 +174,18 @@ def test_files_that_are_no_photos_are_named(tmp_path: Path, name: str, advice: s
     assert len(problems) == 1
     assert str(tmp_path / name) in problems[0]
     assert advice in problems[0]
+
+
+@pytest.mark.parametrize(
+    ("name", "what"),
+    [(b"caf\xe9.jpg", "is not UTF-8"), (b"a" * 247 + b".jpeg", "is 252 bytes long")],
+)
+def test_names_that_stages_cannot_use_are_told(tmp_path: Path, name: bytes, what: str) -> None:
+    Image.fromarray(colours()).save(tmp_path / "a.jpg")
+    shutil.copyfile(tmp_path / "a.jpg", os.fsencode(tmp_path) + b"/" + name)
+    photos, problems = list_photos(tmp_path)
+    assert photos == [tmp_path / "a.jpg"]
+    assert what in problems[0]
 
 
 def test_folders_are_read_and_their_links_do_not_go_in_circles(tmp_path: Path) -> None:

@@ -76,7 +76,9 @@ def test_large_photos_are_reduced_by_area(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("form", ["{name}.png", "{stem}.png"])
-@pytest.mark.parametrize("place", ["in/masks", "in/images/masks", "elsewhere", "in/images/own"])
+@pytest.mark.parametrize(
+    "place", ["in/masks", "in/Masks", "in/images/masks", "elsewhere", "in/images/own"]
+)
 def test_masks_are_found(tmp_path: Path, place: str, form: str) -> None:
     write_photos(tmp_path / "in" / "images")
     write_masks(tmp_path / place, disc(), form)
@@ -86,6 +88,12 @@ def test_masks_are_found(tmp_path: Path, place: str, form: str) -> None:
     for view in capture.views:
         assert view.mask == tmp_path / "out" / "masks" / f"{view.name}.png"
         np.testing.assert_array_equal(pixels(view.mask), disc())
+
+
+def test_masks_beside_the_named_folder_of_images_are_found(tmp_path: Path) -> None:
+    write_photos(tmp_path / "in" / "images")
+    write_masks(tmp_path / "in" / "masks", disc())
+    assert run(tmp_path / "in" / "images", tmp_path / "out").masks_are == "given"
 
 
 def test_alpha_is_the_mask_and_the_photo_stands_on_white(tmp_path: Path) -> None:
@@ -159,12 +167,14 @@ def test_photos_of_all_sizes_and_both_orientations_are_taken(tmp_path: Path) -> 
     assert [(v.width, v.height) for v in views[3:6]] == [(40, 30), (30, 40), (30, 20)]
 
 
-def test_photos_in_folders_keep_the_folder_in_their_name(tmp_path: Path) -> None:
+@pytest.mark.parametrize("form", ["{name}.png", "{stem}.png"])
+def test_photos_in_folders_keep_the_folder_in_their_name(tmp_path: Path, form: str) -> None:
     for side in ("left", "right"):
         write_photos(tmp_path / "in" / side, NAMES[:3])
-        (tmp_path / "in" / "masks" / side).mkdir(parents=True)
+        masks = tmp_path / "in" / "masks" / side
+        masks.mkdir(parents=True)
         for name in NAMES[:3]:
-            Image.fromarray(disc()).save(tmp_path / "in" / "masks" / side / f"{name}.png")
+            Image.fromarray(disc()).save(masks / form.format(name=name, stem=Path(name).stem))
     capture = run(tmp_path / "in", tmp_path / "out")
     names = [f"{side}__{name}" for side in ("left", "right") for name in NAMES[:3]]
     assert [view.name for view in capture.views] == names

@@ -1,5 +1,6 @@
 """Captures that cannot be used are refused by name, with what was expected and found."""
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -95,6 +96,28 @@ def test_masks_missing_or_of_another_size(tmp_path: Path) -> None:
     message = refusal(folder, tmp_path / "out")
     assert f"no mask for {NAMES[7]}" in message
     assert f"{NAMES[8]}.png: the mask is 24x18, its photo 48x36" in message
+
+
+def test_masks_that_serve_photos_of_two_folders_or_lie_within_one(tmp_path: Path) -> None:
+    """One mask for two photos would be wrong for one of them, and nobody would know."""
+    for side in ("left", "right"):
+        write_photos(tmp_path / "in" / side)
+    write_masks(tmp_path / "in" / "masks", disc())
+    assert f"no mask for left/{NAMES[0]}" in refusal(tmp_path / "in", tmp_path / "out")
+    shutil.rmtree(tmp_path / "in" / "masks")
+    write_masks(tmp_path / "in" / "left" / "masks", disc())
+    message = refusal(tmp_path / "in", tmp_path / "out")
+    assert "left/masks: masks in a folder of photos are not found; move them to" in message
+
+
+def test_all_white_masks_are_named_together(tmp_path: Path) -> None:
+    folder = write_photos(tmp_path / "in")
+    write_masks(folder / "masks", disc())
+    for name in NAMES[3:5]:
+        Image.fromarray(np.full_like(disc(), 255)).save(folder / "masks" / f"{name}.png")
+    message = refusal(folder, tmp_path / "out")
+    for name in NAMES[3:5]:
+        assert f"{name}: its mask is white all over" in message
 
 
 def test_transparency_in_some_photos_only(tmp_path: Path) -> None:

@@ -129,6 +129,9 @@ def test_a_lens_of_every_family_is_read(tmp_path: Path) -> None:
     data = transforms(camera_model="OPENCV_FISHEYE", k1=0.1, k2=0.2, k3=0.3, k4=0.4)
     lens = read_nerfstudio(write_transforms(tmp_path, data)).photos[0].lens
     assert (lens.fisheye, lens.coefficients) == (True, (0.1, 0.2, 0.3, 0.4))
+    data = transforms(is_fisheye=True, k1=0.1, k2=0.2, k3=0.3, k4=0.4)  # as instant-ngp says it
+    lens = read_nerfstudio(write_transforms(tmp_path, data)).photos[0].lens
+    assert (lens.fisheye, lens.coefficients) == (True, (0.1, 0.2, 0.3, 0.4))
     data = transforms(camera_model="FULL_OPENCV", k1=0.1, p2=0.2, k3=0.3, k6=0.4)
     lens = read_nerfstudio(write_transforms(tmp_path, data)).photos[0].lens
     assert (lens.fisheye, lens.coefficients) == (False, (0.1, 0, 0, 0.2, 0.3, 0, 0, 0.4))

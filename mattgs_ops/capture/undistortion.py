@@ -29,6 +29,11 @@ MIN_ZOOM = 0.5
 WIDEST_THETA = np.radians(85.0)  # a pinhole's plane has nothing at 90 degrees
 THETA_SAMPLES = 4096  # of the table that inverts the fisheye's polynomial; error below 0.001 pixels
 
+# OpenCV's default of five steps is hundreds of pixels off at the corners of a wide lens
+UNTIL_EXACT = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 500, 1e-10)
+MISSED = 0.5  # pixels: farther off, a place on the plane is not the one that the pixel shows
+CLOSER = 1.02  # steps by which the pinhole sees less, where a lens folds the plane at its corners
+
 Array = NDArray[np.float64]
 
 
@@ -60,7 +65,9 @@ class Lens:
             matrix = np.array([[i.fx, 0, i.cx], [0, i.fy, i.cy], [0, 0, 1.0]])
             if not len(pixels):
                 return np.zeros((0, 2))
-            found = cv2.undistortPoints(pixels, matrix, _opencv_coefficients(self))
+            found = cv2.undistortPoints(
+                pixels, matrix, _opencv_coefficients(self), criteria=UNTIL_EXACT
+            )
             return np.asarray(found[:, 0], dtype=np.float64)
         xy = (pixels - [i.cx, i.cy]) / [i.fx, i.fy]
         radius = np.linalg.norm(xy, axis=1)
@@ -136,6 +143,9 @@ def undistortion(lens: Lens) -> Undistortion:
     if right > left and bottom > top:  # between the centres of the first and the last pixel
         across, down = old.fx * (right - left), old.fy * (bottom - top)
         zoom = max((old.width - 1) / across, (old.height - 1) / down)
+    middle = (left + right) / 2, (top + bottom) / 2
+    while zoom < MAX_ZOOM and not _shown_once(lens, middle, zoom):
+        zoom *= CLOSER
     if not zoom < MAX_ZOOM:
         raise InputError(
             f"distortion {lens.coefficients}: cannot be undone over a {old.width}x{old.height} "
@@ -143,14 +153,35 @@ def undistortion(lens: Lens) -> Undistortion:
         )
     zoom = max(zoom, MIN_ZOOM)
     fx, fy = old.fx * zoom, old.fy * zoom
-    cx = old.width / 2 - fx * (left + right) / 2
-    cy = old.height / 2 - fy * (top + bottom) / 2
+    cx, cy = old.width / 2 - fx * middle[0], old.height / 2 - fy * middle[1]
     new = Intrinsics(old.width, old.height, fx, fy, cx, cy)
     matrix, coefficients = _opencv(old), _opencv_coefficients(lens)
     size = (old.width, old.height)
     build = cv2.fisheye.initUndistortRectifyMap if lens.fisheye else cv2.initUndistortRectifyMap
     map_x, map_y = build(matrix, coefficients, np.eye(3), _opencv(new), size, cv2.CV_32FC1)
     return Undistortion(new, map_x, map_y)
+
+
+def _shown_once(lens: Lens, middle: tuple[float, float], zoom: float) -> bool:
+    """Whether a pinhole's corners are where their pixels show them to be.
+
+    Beyond the radius up to which the distortion grows, the photo shows the same again.
+    """
+    if lens.fisheye:  # its table ends where the distortion stops growing
+        return True
+    i = lens.intrinsics
+    half = np.array([i.width / i.fx, i.height / i.fy]) / (2 * max(zoom, MIN_ZOOM))
+    corners = np.array(middle) + half * np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
+    return bool(_exact(lens, lens.to_pixels(corners), corners).all())
+
+
+def _exact(lens: Lens, pixels: Array, plane: Array) -> NDArray[np.bool_]:
+    """Whether pixels [N, 2] show those places [N, 2] of the plane and no others."""
+    i = lens.intrinsics
+    off = np.abs(lens.to_plane(pixels) - plane) * [i.fx, i.fy]
+    there = np.abs(lens.to_pixels(plane) - pixels)
+    exact: NDArray[np.bool_] = (np.maximum(off, there) < MISSED).all(axis=1)
+    return exact
 
 
 def _opencv(i: Intrinsics) -> Array:
@@ -191,10 +222,18 @@ def _valid_rectangle(lens: Lens) -> tuple[float, float, float, float]:
         "top": np.stack([across, np.full_like(across, 0.5)], 1),
         "bottom": np.stack([across, np.full_like(across, bottom)], 1),
     }
-    plane = {name: lens.to_plane(pixels) for name, pixels in edges.items()}
+    plane = {name: _on_plane(lens, pixels) for name, pixels in edges.items()}
+    if not all(map(len, plane.values())):
+        return 0.0, 0.0, 0.0, 0.0
     return (
         float(plane["left"][:, 0].max()),
         float(plane["top"][:, 1].max()),
         float(plane["right"][:, 0].min()),
         float(plane["bottom"][:, 1].min()),
     )
+
+
+def _on_plane(lens: Lens, pixels: Array) -> Array:
+    """Return where pixels lie on the plane, without those that a lens that folds it cannot show."""
+    plane = lens.to_plane(pixels)
+    return plane if lens.fisheye else plane[_exact(lens, pixels, plane)]

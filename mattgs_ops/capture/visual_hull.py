@@ -5,6 +5,7 @@ masks confine them to where the object can be (Laurentini 1994).
 """
 
 from collections.abc import Sequence
+from dataclasses import fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ SEEN_SHARE = 0.5  # of the cameras must have a point in their frame
 # Of the views that have a point in their frame, this share must place it in the mask; masks are
 # never perfect, and one bad one must not carve the object away.
 HULL_SHARE = 0.9
+PARALLEL = 1e-6  # mean square of the sine between axes: a twentieth of a degree
 ROUNDS = 200  # of ``count`` candidates each; enough for a hull of half a percent of the volume
 
 
@@ -48,11 +50,9 @@ def fill(views: Sequence[View], count: int, seed: int) -> SparsePoints:
     Held-out views have no say: what a training starts from must not know them. Raises
     :class:`StageError` when masks and cameras agree on no volume.
     """
-    trained = [view for view in views if view.split == "train"]
-    posed = [v for v in trained if v.camera is not None and v.mask is not None]
-    cameras = [v.camera for v in posed if v.camera is not None]
-    masks = [read_map(v.mask) for v in posed if v.mask is not None]
-    xyz = sample(cameras, masks, count, np.random.default_rng(seed))
+    posed, cameras, masks = _carving(views)
+    rng = np.random.default_rng(seed)
+    xyz = sample(cameras, masks, count, rng) if cameras else np.zeros((0, 3))
     if not len(xyz):
         raise StageError(
             "random points: masks and camera poses have no common volume; expected poses under "
@@ -60,6 +60,39 @@ def fill(views: Sequence[View], count: int, seed: int) -> SparsePoints:
         )
     rgb, seen = _colours(xyz, posed)
     return SparsePoints(xyz, rgb, np.ones(len(xyz), dtype=np.float32), seen)
+
+
+def with_random(points: SparsePoints, before: SparsePoints, views: Sequence[View]) -> SparsePoints:
+    """Add the random points that ``before`` has after those of its model, which ``points`` are.
+
+    Masks have changed since: only those in today's visual hull are kept, or all where none is.
+    """
+    rest = slice(len(points.xyz), None)
+    random = SparsePoints(*(getattr(before, one.name)[rest] for one in fields(before)))
+    if not len(random.xyz):
+        return points
+    _, cameras, masks = _carving(views)
+    kept = _in_hull(random.xyz, cameras, masks)
+    if cameras and kept.any():
+        random = SparsePoints(*(getattr(random, one.name)[kept] for one in fields(random)))
+    return joined(points, random)
+
+
+def _carving(views: Sequence[View]) -> tuple[list[View], list[Camera], list[Mask]]:
+    """Return the training views that show an object, with their cameras and masks.
+
+    A view in which nothing was found is dropped: it carves nothing away.
+    """
+    posed, cameras, masks = [], [], []
+    for view in views:
+        if view.split != "train" or view.camera is None or view.mask is None:
+            continue
+        mask = read_map(view.mask)
+        if mask.any():
+            posed.append(view)
+            cameras.append(view.camera)
+            masks.append(mask)
+    return posed, cameras, masks
 
 
 def shared_cube(cameras: Sequence[Camera]) -> tuple[Array, float]:
@@ -76,12 +109,22 @@ def shared_cube(cameras: Sequence[Camera]) -> tuple[Array, float]:
 
 
 def nearest_to_axes(cameras: Sequence[Camera]) -> Array:
-    """Return the point [3] with the least squared distance to all optical axes."""
+    """Return the point [3] with the least squared distance to all optical axes.
+
+    Cameras that all look the same way have no such point. Then it is the one before the middle of
+    them that is as far away as they are apart, wherever the world's origin lies.
+    """
     axes = np.array([camera.rotation[2] for camera in cameras])  # z forward, world coordinates
     centres = np.array([camera.centre for camera in cameras])
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]  # projects onto the axis' normal plane
+    total = across.sum(axis=0)
+    middle = centres.mean(axis=0)
+    if np.linalg.eigvalsh(total)[0] < PARALLEL * len(cameras):
+        spread = float(np.linalg.norm(centres - middle, axis=1).max())
+        ahead: Array = middle + axes.mean(axis=0) * 2 * spread
+        return ahead
     right = (across @ centres[:, :, None]).sum(axis=0)[:, 0]
-    solution: Array = np.linalg.lstsq(across.sum(axis=0), right, rcond=None)[0]
+    solution: Array = np.linalg.lstsq(total, right, rcond=None)[0]
     return solution
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from mattgs_ops.capture import sparse
+from mattgs_ops.capture import sparse, visual_hull
 from mattgs_ops.capture.formats.colmap_model import read_model
 from mattgs_ops.capture.masks import (
     Mask,
@@ -84,7 +84,10 @@ def write(
     MaskReport(before.source, "votes", before.model, reports).save(out / "masks.json")
     agreed_scene = Scene.load(out)
     points = vote(agreed_scene.views, read_model(out / "sparse" / "0"), threads=threads)
+    points = visual_hull.with_random(points, scene.points(), agreed_scene.views)
+    sparse.write_ply(points, out / "points.ply")
     extra = dict(scene.extra) | {
+        "points": len(points.xyz),
         "object_points": len(sparse.on_object(points).xyz),
         "dropped": [one.row.name for one in written if one.empty],
         "agreement": decision

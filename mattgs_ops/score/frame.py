@@ -34,6 +34,7 @@ Floats = NDArray[np.float64]
 OWN_SHARE = 0.5  # of the views, whose own photo must be the likest; by chance it is one in all
 SMALL = 64  # pixels of the longest side at which renders and photos are compared
 SEEN_OPACITY = 0.1  # fainter splats are no part of what is there
+SAME = 0.05  # of the photos' usual squared distance from each other
 VISIBLE_LOGIT = float(np.log(SEEN_OPACITY / (1 - SEEN_OPACITY)))
 FARTHEST = 0.25  # of the points' spread, between the medians of splats and points
 WIDEST = 1.5  # times the points' spread, or that part of it
@@ -48,7 +49,7 @@ def check_frame(folder: Path, scene: Scene, splats_ply: Path, background: Backgr
     shown, photos = _pictures(folder)
     own = np.concatenate([((a - b) ** 2).mean(axis=1) for a, b in zip(shown, photos, strict=True)])
     flat = np.concatenate([_spread(b) for b in photos])
-    likest = np.concatenate([_is_likest(a, b) for a, b in zip(shown, photos, strict=True)])
+    likest = np.concatenate([are_likest(a, b) for a, b in zip(shown, photos, strict=True)])
     away, wider = _displacement(scene, splats_ply, background)
     elsewhere = away > FARTHEST or not 1 / WIDEST < wider < WIDEST
     if own.mean() > flat.mean() and elsewhere:
@@ -93,12 +94,18 @@ def _spread(photos: Floats) -> Floats:
     return out
 
 
-def _is_likest(shown: Floats, photos: Floats) -> NDArray[np.bool_]:
-    """Say for each render [V, P] whether its own photo is nearer than every other."""
+def are_likest(shown: Floats, photos: Floats) -> NDArray[np.bool_]:
+    """Say for each render [V, P] whether its own photo is nearer than every other.
+
+    Photos that are nearly the same as its own, of a burst or there twice, do not count.
+    """
     # |a - b|² without |a|², which is the same for all photos
     apart = (photos**2).sum(axis=1)[None] - 2 * shown @ photos.T
     own = np.diag(apart)
-    others = np.where(np.eye(len(apart), dtype=np.bool_), np.inf, apart)
+    squares = (photos**2).sum(axis=1)
+    between = squares[:, None] + squares[None] - 2 * photos @ photos.T
+    others = np.where(between <= SAME * np.median(between), np.inf, apart)
+    np.fill_diagonal(others, np.inf)
     nearer: NDArray[np.bool_] = own < others.min(axis=1)
     return nearer
 
@@ -119,6 +126,8 @@ def _displacement(scene: Scene, splats_ply: Path, background: Background) -> tup
     points = scene.points()
     chosen = points.object_share >= OBJECT_SHARE
     given = points.xyz[chosen] if background == "nobg" and chosen.any() else points.xyz
+    if not len(given):
+        return 0.0, 1.0  # nothing to compare with
     there, extent = _place(given)
     centre, spread = _place(splats.means.numpy()[visible].astype(np.float64))
     return float(np.linalg.norm(centre - there)) / extent, spread / extent

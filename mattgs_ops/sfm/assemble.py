@@ -157,7 +157,9 @@ def vote(views: tuple[View, ...], model: SparseModel, *, threads: int = 1) -> Sp
             cameras[number] = view.camera
             paths[number] = view.mask.parent, view
     masks = over_views(lambda place: read_mask(*place), paths.values(), threads=threads)
-    return object_points(model, cameras, dict(zip(paths, masks, strict=True)))
+    # a view in which nothing was found is dropped, and has no vote
+    votes = {number: mask for number, mask in zip(paths, masks, strict=True) if mask.any()}
+    return object_points(model, {number: cameras[number] for number in votes}, votes)
 
 
 def _pinholes(model: SparseModel, conversions: dict[int, PinholeConversion]) -> SparseModel:

@@ -26,12 +26,13 @@ from mattgs_ops.capture.formats import colmap_model
 from mattgs_ops.capture.scene import PreparedCapture, Scene, View
 from mattgs_ops.capture.sparse import SparseModel
 from mattgs_ops.config import SfmConfig
-from mattgs_ops.errors import StageError
+from mattgs_ops.errors import InputError, StageError
 from mattgs_ops.progress import Progress, no_progress
 from mattgs_ops.sfm import alignment, assemble, figure, given_points, lost_views
 from mattgs_ops.sfm.checks import check, mask_path
 from mattgs_ops.sfm.colmap.job import KEYPOINTS_FILE, MODEL_FOLDER, Answer, Job, JobView
 from mattgs_ops.sfm.colmap.process import run_worker
+from mattgs_ops.sfm.world_units import check_units
 
 LOG_FILE, FIGURE_FILE = "sfm.log", "sfm.png"
 WORKSPACE = "sfm-workspace"
@@ -60,7 +61,8 @@ def reconstruct(
 
     Raises :class:`InputError` for photos or masks that cannot be used, before any work, and
     :class:`StageError` when nothing, or fewer than ``config.min_registered`` of the views, could
-    be registered, or when COLMAP crashed.
+    be registered, or when COLMAP crashed. Given poses in units, or about an origin, in which no
+    splats can be trained are an :class:`InputError` that says what to do (``world_units``).
     """
     empty = check(capture, masks, threads=threads)
     known = given_points.given_model(capture, config)
@@ -88,6 +90,9 @@ def reconstruct(
         points = visual_hull.joined(
             points, visual_hull.fill(views, config.random_points, config.seed)
         )
+    if extra["poses"] == "given":
+        trained = [v.camera for v in views if v.split == "train" and v.camera is not None]
+        check_units(capture.name, trained, points.xyz)
     extra["points"] = len(points.xyz)
     extra["object_points"] = len(sparse.on_object(points).xyz)
     extra["triangulated"] = len(model.xyz) if known is None else 0
@@ -209,14 +214,20 @@ def _report(
         "cpu_seconds": {step: round(s, 3) for step, s in answer.cpu_seconds.items()},
         "threads": answer.threads,
         "fallbacks": list(answer.fallbacks),
-        "pose_error": _pose_error(capture, views) if "map" in answer.seconds else None,
+        "pose_error": pose_error(capture, views) if "map" in answer.seconds else None,
     }
 
 
-def _pose_error(capture: PreparedCapture, views: tuple[View, ...]) -> Mapping[str, float] | None:
-    """Compare estimated poses with those that came with the capture, if any did."""
+def pose_error(capture: PreparedCapture, views: tuple[View, ...]) -> Mapping[str, float] | None:
+    """Compare estimated poses with those that came with the capture, if any did.
+
+    None where too few did, or all cameras lie on a line, about which any turn would fit.
+    """
     truth = {v.name: v.camera for v in capture.views if v.camera is not None}
     ours = {v.name: v.camera for v in views if v.camera is not None}
     if len(set(truth) & set(ours)) < alignment.LEAST_POINTS:
         return None
-    return dict(vars(alignment.pose_error(ours, truth)))
+    try:
+        return dict(vars(alignment.pose_error(ours, truth)))
+    except InputError:
+        return None

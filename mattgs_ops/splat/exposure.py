@@ -19,6 +19,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -84,8 +85,7 @@ class Exposures:
         matrix, offset = self.matrices[view, :, :3], self.matrices[view, :, 3]
         colour, alpha = torch.tensor(background), rendering.alpha
         own = rendering.image - (1 - alpha)[..., None] * colour
-        flat = grad.reshape(-1, 3)
-        grad_matrix = torch.cat([flat.T @ own.reshape(-1, 3), flat.T @ alpha.reshape(-1, 1)], dim=1)
+        grad_matrix = _summed(grad.reshape(-1, 3), torch.cat([own, alpha[..., None]], dim=-1))
         grad_alpha = grad @ (matrix @ colour + offset - colour)
         return ExposureGradients(grad @ matrix, grad_alpha, grad_matrix)
 
@@ -125,6 +125,12 @@ class Exposures:
         """
         grey = (self.matrices[:, :, :3].sum(dim=2) * 0.5 + self.matrices[:, :, 3]).mean(dim=1)
         return float(grey.max() / grey.min().clamp_min(1e-3))
+
+
+def _summed(grad: Tensor, inputs: Tensor) -> Tensor:
+    """Return the sum over pixels of the outer products [3, 4], in one order for all threads."""
+    one, other = (t.reshape(-1, t.shape[-1]).numpy().astype(np.float64) for t in (grad, inputs))
+    return torch.from_numpy(np.einsum("nc,nd->cd", one, other)).float()
 
 
 def exposure_rate(step: int, iterations: int) -> float:

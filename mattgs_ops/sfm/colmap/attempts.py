@@ -228,6 +228,12 @@ def _reconstruct(state: Attempt, found: Sequence[Features]) -> Any:
     database, photos = state.folder / DATABASE_FILE, Path(job.views[0].photo).parent
     known = all(view.intrinsics is not None for view in job.views)
     options = mapping.pipeline_options(state.config, intrinsics_known=known)
+    pairs = {} if job.poses_known else _match(state, found, cameras)
+    sides = [max(view.width, view.height) for view in job.views]
+    if mode == "shared" and matching.stand_still(pairs, positions, sides):
+        state.answer.mode = "masked"
+        state.answer.fallbacks.append("most matches do not move: poses from inside masks alone")
+        return _reconstruct(state, [f.of_mode("masked") for f in found])
     sets = _sets(found, mode)
     matches: dict[Pair, Matches] = {}
     with _helpers(job.threads) as helpers:
@@ -236,7 +242,6 @@ def _reconstruct(state: Attempt, found: Sequence[Features]) -> Any:
             guides = Guides(state, found, sets, helpers)
             guides.settle([model])
         else:
-            pairs = _match(state, found, cameras)
             sets.pop(next(iter(sets)))  # matched already
             held_out = [view.held_out for view in job.views]
             matches = {p: v.matches for p, v in pairs.items() if not any(held_out[n] for n in p)}

@@ -147,11 +147,11 @@ def extract(
 
 
 def describe(
-    grey: NDArray[np.uint8], scale: float, mask: Path, limit: int, how: Extraction
+    grey: NDArray[np.uint8], scale: tuple[float, float], mask: Path, limit: int, how: Extraction
 ) -> Features:
     """Find the key points of a photo [H, W], choose, and describe the chosen ones alone.
 
-    ``scale`` turns pixels of ``grey`` into pixels of the photo and of its ``mask``.
+    ``scale`` (x, y) turns pixels of ``grey`` into pixels of the photo and of its ``mask``.
     """
     sift = cv2.SIFT.create(
         nOctaveLayers=LAYERS,
@@ -162,7 +162,7 @@ def describe(
     rows = [(*k.pt, k.size / 2, np.radians(k.angle)) for k in detected]  # OpenCV: diameter, degrees
     keypoints = np.array(rows, dtype=np.float32).reshape(-1, 4)
     keypoints[:, :2] += 0.5  # OpenCV's pixels have their centre at 0
-    keypoints[:, :3] *= scale
+    keypoints[:, :3] *= (*scale, scale[0])
     inside = inside_mask(mask, keypoints, how.grow_share)
     chosen = select(keypoints, inside, limit)
     _, raw = sift.compute(grey, [detected[row] for row in chosen.rows])
@@ -191,7 +191,7 @@ def describe_by_colmap(view: JobView, config: SfmConfig, how: Extraction) -> Fea
     grey, scale = read_grey(Path(view.photo), config.max_image_size)
     detected, described = extractor.extract(pycolmap.Bitmap.from_array(grey))
     keypoints = pycolmap.keypoints_to_matrix(detected).astype(np.float32).reshape(-1, 4)
-    keypoints[:, :3] *= scale
+    keypoints[:, :3] *= (*scale, scale[0])
     inside = inside_mask(Path(view.mask), keypoints, how.grow_share)
     chosen = select(keypoints, inside, config.max_features)
     return Features(
@@ -232,18 +232,21 @@ def select(keypoints: NDArray[np.float32], inside: NDArray[np.bool_], limit: int
     return Choice(order[kept], whole[kept], masked[kept])
 
 
-def read_grey(path: Path, longest: int) -> tuple[NDArray[np.uint8], float]:
-    """Read a photo as grey, no side longer than ``longest``; also return photo size / its size."""
+def read_grey(path: Path, longest: int) -> tuple[NDArray[np.uint8], tuple[float, float]]:
+    """Read a photo as grey, no side longer than ``longest``; also return photo size / its size.
+
+    The latter in x and in y: each side of what is read is a whole number of pixels.
+    """
     grey = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     if grey is None:
         raise InputError(f"{path}: expected a readable photo")
     height, width = grey.shape
     if max(height, width) <= longest:
-        return np.asarray(grey, dtype=np.uint8), 1.0
+        return np.asarray(grey, dtype=np.uint8), (1.0, 1.0)
     scale = max(height, width) / longest
     size = (max(1, round(width / scale)), max(1, round(height / scale)))
     small = cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
-    return np.asarray(small, dtype=np.uint8), width / size[0]
+    return np.asarray(small, dtype=np.uint8), (width / size[0], height / size[1])
 
 
 def inside_mask(path: Path, keypoints: NDArray[np.float32], grow: float) -> NDArray[np.bool_]:

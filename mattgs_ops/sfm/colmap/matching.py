@@ -32,6 +32,7 @@ SIMILAR_BESIDE, SIMILAR_ALONE = 12, 24
 PREVIEW_FEATURES = 512  # the largest-scale features repeat best (Wu 2013, preemptive matching)
 # Farther apart than this, two views of one object share next to nothing that SIFT can match.
 WIDEST_ANGLE = 75.0
+STILL_SHARE = 2 / 480  # of the longest side: what moves less is in the same place (inspect_photos)
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,21 @@ class Verified:
 
     geometry: Any  # pycolmap.TwoViewGeometry
     matches: Matches
+
+
+def stand_still(
+    pairs: Mapping[Pair, Verified], positions: Sequence[NDArray[np.float64]], sides: Sequence[int]
+) -> bool:
+    """Whether the camera does: in more than half of the pairs more than half of the matches stay.
+
+    ``positions`` are the views' key points [K, 2] in pixels, ``sides`` the photos' longest ones.
+    """
+    still = 0
+    for (a, b), found in pairs.items():
+        here, there = positions[a][found.matches[:, 0]], positions[b][found.matches[:, 1]]
+        moved = np.linalg.norm(here - there, axis=1)
+        still += bool(np.median(moved) < STILL_SHARE * max(sides[a], sides[b]))
+    return still > len(pairs) / 2
 
 
 def exhaustive(views: int) -> list[Pair]:

@@ -86,7 +86,29 @@ def test_masks_stay_binary() -> None:
 
 def test_coefficients_that_fold_the_photo_are_refused() -> None:
     with pytest.raises(InputError, match="check the coefficients"):
-        undistortion(Lens(INTRINSICS, (-9.0, 40.0, 0.0, 0.0, 0.0)))
+        undistortion(Lens(INTRINSICS, (-9.0, 0.0, 0.0, 0.0, 0.0)))
+
+
+def test_a_strong_lens_loses_no_more_than_it_must() -> None:
+    """With OpenCV's default of five steps 40 % of the width was left of this one."""
+    wide = Intrinsics(160, 120, 50.0, 50.0, 80.0, 60.0)
+    lens = Lens(wide, (-0.25, 0.07))
+    corners = np.array([[0.5, 0.5], [159.5, 119.5]])
+    np.testing.assert_allclose(lens.to_pixels(lens.to_plane(corners)), corners, atol=1e-3)
+    result = undistortion(lens)
+    assert result.map_x.min() < 0.02
+    assert result.map_x.max() > 158.98
+
+
+def test_a_pinhole_never_shows_what_lies_beyond_the_fold() -> None:
+    """Along the diagonal the distance from the middle grows, in the photo as on the plane."""
+    lens = Lens(Intrinsics(160, 120, 120.0, 120.0, 80.0, 60.0), (-0.3,))
+    result = undistortion(lens)
+    for corner in ((0, 0), (0, -1), (-1, 0), (-1, -1)):
+        rows = np.linspace(60, corner[0] % 120, 50).round().astype(int)
+        columns = np.linspace(80, corner[1] % 160, 50).round().astype(int)
+        shown = np.hypot(result.map_x[rows, columns] - 79.5, result.map_y[rows, columns] - 59.5)
+        assert (np.diff(shown) > 0).all()
 
 
 # ---------------------------------------------------------------- rational and fisheye lenses

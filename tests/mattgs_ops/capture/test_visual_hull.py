@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from mattgs_ops.capture import visual_hull
+from mattgs_ops.capture.camera import Camera, Intrinsics
 from mattgs_ops.capture.masks import read_map
 from mattgs_ops.capture.scene import PreparedCapture
 from mattgs_ops.capture.sparse import inside
@@ -70,6 +71,50 @@ def test_colours_know_nothing_of_test_photos(box_capture: PreparedCapture, tmp_p
     assert any(view.split == "test" for view in box_capture.views)
     clean, other = (visual_hull.fill(views, 50, seed=1) for views in (box_capture.views, poisoned))
     np.testing.assert_array_equal(clean.rgb, other.rgb)
+
+
+def test_a_view_in_which_nothing_was_found_carves_nothing(
+    box_capture: PreparedCapture, tmp_path: Path
+) -> None:
+    black = tmp_path / "black.png"
+    cv2.imwrite(str(black), np.zeros((180, 240), np.uint8))
+    first = next(view for view in box_capture.views if view.split == "train")
+    dropped = [replace(v, mask=black) if v is first else v for v in box_capture.views]
+    without = [v for v in box_capture.views if v is not first]
+    found, expected = (visual_hull.fill(views, 200, seed=3) for views in (dropped, without))
+    np.testing.assert_array_equal(found.xyz, expected.xyz)
+
+
+def test_random_points_stay_with_a_model_and_leave_where_masks_no_longer_are(
+    box_capture: PreparedCapture, tmp_path: Path
+) -> None:
+    views = box_capture.views
+    random = visual_hull.fill(views, 100, seed=4)
+    model = visual_hull.fill(views, 7, seed=5)
+    before = visual_hull.joined(model, random)
+    kept = visual_hull.with_random(model, before, views)
+    np.testing.assert_array_equal(kept.xyz, before.xyz)
+    assert visual_hull.with_random(model, model, views) is model
+    right = []
+    for view in views:  # the left half of each mask is gone
+        half = read_map(view.mask) if view.mask else np.zeros((1, 1), np.uint8)
+        half[:, : half.shape[1] // 2] = 0
+        cv2.imwrite(str(tmp_path / f"{view.name}.png"), half)
+        right.append(replace(view, mask=tmp_path / f"{view.name}.png"))
+    fewer = visual_hull.with_random(model, before, right)
+    assert len(model.xyz) < len(fewer.xyz) < len(before.xyz)
+
+
+@pytest.mark.parametrize("along", [-3.0, 0.0, 50.0])
+def test_cameras_that_look_the_same_way_share_a_volume_wherever_the_origin_is(
+    along: float,
+) -> None:
+    lens = Intrinsics(240, 180, 200.0, 200.0, 120.0, 90.0)
+    centres = [np.array([x, y, along]) for x in (-1.0, 0.0, 1.0) for y in (-0.5, 0.5)]
+    cameras = [Camera(lens, np.eye(3), -centre) for centre in centres]
+    points = visual_hull.sample(cameras, None, 50, np.random.default_rng(0))
+    assert len(points) == 50
+    assert (points[:, 2] > along).all()
 
 
 def test_masks_without_a_common_volume_are_an_error(box_capture: PreparedCapture) -> None:

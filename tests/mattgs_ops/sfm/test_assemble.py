@@ -1,5 +1,6 @@
 """Specification of what becomes of lens distortion between COLMAP's model and a scene."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -82,3 +83,25 @@ def test_dots_photos_masks_and_key_points_move_together(
     points = assemble.vote(out, pinholes, threads=threads)
     assert points.object_share.tolist() == [1, 1, 1, 1]
     assert points.views_seen.tolist() == [1, 1, 1, 1]
+
+
+def test_a_view_in_which_nothing_was_found_has_no_vote(
+    box_capture: PreparedCapture, tmp_path: Path
+) -> None:
+    """Of 0.8 of the views that see a point, a single black mask would take the object away."""
+    views = tuple(view for view in box_capture.views if view.split == "train")[:4]
+    xyz = np.array([[0.0, 0.0, 0.35], [0.3, 0.2, 0.35]])  # within the box
+    images = {}
+    for number, view in enumerate(views):
+        assert view.camera is not None
+        pixels, _ = view.camera.project(xyz)
+        pose = view.camera.rotation, view.camera.translation
+        images[number] = SparseImage(view.photo.name, 1, *pose, pixels, np.arange(2))
+    lens = ColmapCamera("PINHOLE", 240, 180, (1.0, 1.0, 0.0, 0.0))
+    model = SparseModel({1: lens}, images, xyz, np.zeros((2, 3), np.uint8), np.zeros(2))
+    assert (assemble.vote(views, model).object_share == 1).all()
+    black = tmp_path / f"{views[0].name}.png"
+    assert views[0].mask is not None
+    cv2.imwrite(str(black), np.zeros_like(cv2.imread(str(views[0].mask), cv2.IMREAD_GRAYSCALE)))
+    dropped = (replace(views[0], mask=black), *views[1:])
+    assert (assemble.vote(dropped, model).object_share == 1).all()

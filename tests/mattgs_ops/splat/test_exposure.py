@@ -58,6 +58,23 @@ def test_gradients_are_autograds() -> None:
         np.testing.assert_allclose(ours, leaf.grad, atol=1e-5)
 
 
+def test_the_number_of_threads_changes_no_bit_of_a_matrix_gradient() -> None:
+    generator = torch.Generator().manual_seed(3)
+    image, alpha = torch.rand(200, 300, 3, generator=generator), torch.rand(200, 300)
+    grad = torch.randn(200, 300, 3, generator=generator)
+    exposures, _ = drawn()
+    nothing = torch.zeros(0)
+    rendering = Rendering(image, alpha, nothing, nothing, Splats.zeros(0), None)
+    before, found = torch.get_num_threads(), []
+    try:
+        for threads in (1, 2):
+            torch.set_num_threads(threads)
+            found.append(exposures.gradients(1, rendering, COLOUR, grad).matrix)
+    finally:
+        torch.set_num_threads(before)
+    assert torch.equal(*found)
+
+
 def test_the_identity_changes_nothing() -> None:
     _, rendering = drawn()
     plain = Exposures.identity(2, 100)

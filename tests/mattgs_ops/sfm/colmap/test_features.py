@@ -67,7 +67,7 @@ def described(
     mask[:, : mask.shape[1] // 2] = 255  # the left half is object
     cv2.imwrite(str(tmp_path / "mask.png"), mask)
     how = features.Extraction(0.02 / 3)
-    return features.describe(image, scale, tmp_path / "mask.png", limit, how)
+    return features.describe(image, (scale, scale), tmp_path / "mask.png", limit, how)
 
 
 def test_key_points_lie_in_the_middle_of_blobs_with_their_size(tmp_path: Path) -> None:
@@ -121,9 +121,22 @@ def test_an_unreadable_mask_or_photo_is_named(tmp_path: Path) -> None:
 def test_large_photos_are_shrunk_and_say_by_how_much(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "p.png"), np.zeros((300, 400, 3), np.uint8))
     grey, scale = features.read_grey(tmp_path / "p.png", 100)
-    assert (grey.shape, scale) == ((75, 100), 4.0)
+    assert (grey.shape, scale) == ((75, 100), (4.0, 4.0))
     grey, scale = features.read_grey(tmp_path / "p.png", 400)
-    assert (grey.shape, scale) == ((300, 400), 1.0)
+    assert (grey.shape, scale) == ((300, 400), (1.0, 1.0))
+
+
+def test_key_points_of_a_photo_whose_sides_shrink_unlike_stay_in_place(tmp_path: Path) -> None:
+    """267 rows become 134: two rows are not one."""
+    y, x = np.mgrid[:267, :400] + 0.5
+    photo = 180 - 120 * np.exp(-((x - 300) ** 2 + (y - 240) ** 2) / (2 * 9.0**2))
+    cv2.imwrite(str(tmp_path / "p.png"), np.repeat(photo[..., None], 3, axis=2).astype(np.uint8))
+    cv2.imwrite(str(tmp_path / "m.png"), np.full((267, 400), 255, np.uint8))
+    grey, scale = features.read_grey(tmp_path / "p.png", 200)
+    assert grey.shape == (134, 200)
+    how = features.Extraction(0.02 / 3)
+    kept = features.describe(grey, scale, tmp_path / "m.png", 99, how)
+    assert np.hypot(*(kept.keypoints[:, :2] - [300, 240]).T).min() < 0.15
 
 
 def test_more_is_sought_when_a_tenth_of_the_views_has_too_few_on_the_object() -> None:

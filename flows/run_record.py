@@ -5,6 +5,7 @@ judging rows: a run that broke off leaves the rows of the one before, which say 
 """
 
 import json
+import os
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -96,6 +97,6 @@ def _now() -> str:
 
 def _write(folder: Path, record: RunRecord) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    partial = folder / f"{FILE}.part"
+    partial = folder / f"{FILE}.{os.getpid()}.part"
     partial.write_text(json.dumps(asdict(record), indent=1) + "\n", encoding="utf-8")
     partial.replace(folder / FILE)

@@ -44,8 +44,11 @@ def load_toml(path: Path) -> BenchmarkConfig:
     _place(data.get("segment"), ("model",), path.parent)
     _place(data.get("run"), ("dask_certificates",), path.parent)
     _place(data, ("lpips",), path.parent)
-    if isinstance(data.get("lpips"), str) and not Path(data["lpips"]).is_file():
-        raise InputError(f"{path}: `lpips`: expected a file of weights at {data['lpips']}")
+    segment = data.get("segment")
+    model = segment.get("model") if isinstance(segment, dict) else None
+    for field, file in (("lpips", data.get("lpips")), ("segment.model", model)):
+        if isinstance(file, str) and not Path(file).is_file():
+            raise InputError(f"{path}: `{field}`: expected a file of weights at {file}")
     trainers = data.get("trainers")
     for trainer in trainers.values() if isinstance(trainers, dict) else []:
         if isinstance(trainer, dict):

@@ -4,8 +4,9 @@ from pathlib import Path
 from typing import Any
 
 from mattgs_ops.config import BenchmarkConfig, CaptureConfig
+from mattgs_ops.errors import StageError
 from mattgs_ops.progress import Progress
-from tasks.stages.capture_files import capture_digest
+from tasks.stages.capture_files import capture_digest, ids_digest
 from tasks.stages.stage import Artifact, Place, Stage, perform
 
 
@@ -15,6 +16,7 @@ def prepare(place: Place, capture: CaptureConfig, config: BenchmarkConfig) -> Ar
     Runs where the photos are. The key holds the contents of every file of the capture, so a
     changed photo is seen, and an unchanged folder that moved or is called otherwise is not.
     """
+    files, ids = capture_digest(capture), ids_digest(capture)
     stage = Stage(
         name="prepare",
         title=f"prepare {capture.name}",
@@ -26,8 +28,12 @@ def prepare(place: Place, capture: CaptureConfig, config: BenchmarkConfig) -> Ar
             "frames": capture.frames,
             "test_every": config.test_every,
         },
-        inputs={"files": capture_digest(capture)},
-        arguments={"capture": capture.model_dump(mode="json"), "test_every": config.test_every},
+        inputs={"files": files, **({"ids": ids} if ids else {})},
+        arguments={
+            "capture": capture.model_dump(mode="json"),
+            "test_every": config.test_every,
+            "files": [files, ids],
+        },
     )
     return perform(place, stage)
 
@@ -39,3 +45,6 @@ def operate(arguments: dict[str, Any], out: Path, threads: int, progress: Progre
 
     capture = CaptureConfig.model_validate(arguments["capture"])
     prepare_photos.prepare(capture, out, test_every=arguments["test_every"], progress=progress)
+    # the key was made before this stage waited for a core
+    if [capture_digest(capture), ids_digest(capture)] != arguments["files"]:
+        raise StageError(f"{capture.name}: its files changed while they were read; run again")

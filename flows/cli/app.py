@@ -143,11 +143,13 @@ def check(
     """
     from flows.cli import options
     from flows.cli.check import check as look
+    from mattgs_ops.capture.photos import mark_output
 
     given = {"photos": photos, "capture": capture, "masks": masks}
     merged = options.benchmark_config(config, given)
     if photos is None and capture is None and config is None:
         raise InputError("check: expected a folder of photos, or --capture")
+    mark_output(out)
     if not look(merged, out.resolve() / "checks" / merged.captures[0].name):
         raise typer.Exit(EXIT_INPUT)
 
@@ -184,6 +186,11 @@ def main() -> None:
         if error.errno not in (errno.ENOSPC, errno.EDQUOT):
             raise
         sys.stderr.write(f"mattgs: {error}: make room; the same command goes on from here\n")
+        sys.exit(EXIT_FAILED)
+    except Exception as error:
+        if not type(error).__module__.startswith("mlflow."):  # which is imported late, if at all
+            raise
+        sys.stderr.write(f"mattgs: MLflow: {str(error).splitlines()[0]}\n")
         sys.exit(EXIT_FAILED)
     except SystemExit as ended:
         if ended.code == EXIT_INTERRUPTED:  # what Typer makes of Ctrl-C, without a word

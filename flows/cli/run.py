@@ -10,8 +10,9 @@ from flows.cli import terminal
 from flows.grid import stages
 from flows.services import dask_cluster, embedded
 from flows.services.embedded import Services
+from mattgs_ops.capture.photos import mark_output
 from mattgs_ops.config import BenchmarkConfig
-from mattgs_ops.errors import InputError
+from mattgs_ops.errors import InputError, MattgsError
 from mattgs_ops.naming import slug
 from mattgs_ops.store.cleaning import in_use
 from mattgs_ops.store.remote import RemoteStore
@@ -30,6 +31,7 @@ def run_benchmark(
     known. Captures are prepared before anything is started. Raises :class:`InputError` that lists
     all that is wrong with them when none of them can be used.
     """
+    mark_output(out)
     folder = out / "benchmarks" / config.name
     record = run_record.begin(folder, run, remeasure=remeasure)
     kept = config.run.model_copy(update={"sitting": record.sitting})
@@ -65,7 +67,7 @@ def _run(config: BenchmarkConfig, out: Path) -> bool:
 def _plan(place: Place, config: BenchmarkConfig) -> int:
     """Write the status of every stage of the grid, none begun; return their number."""
     for old in place.status.glob("*.json"):
-        old.unlink()
+        old.unlink(missing_ok=True)
     planned = list(stages(config))
     for kind, title in planned:
         status.StatusFile(place.status / f"{slug(title)}.json").plan(title, kind)
@@ -82,7 +84,7 @@ def _prepare_all(place: Place, config: BenchmarkConfig) -> None:
     for capture in config.captures:
         try:
             prepare(place, capture, config)
-        except InputError as error:
+        except MattgsError as error:  # a crash or a timeout, too
             problems.append(str(error))
     if len(problems) == len(config.captures):
         raise InputError("\n".join(problems))

@@ -29,6 +29,8 @@ QUIET = {
     "DASK_DISTRIBUTED__WORKER__DAEMON": "true",
     "DO_NOT_TRACK": "true",
     "MLFLOW_DISABLE_TELEMETRY": "true",
+    # seven tries with longer and longer pauses are four minutes a call, and there are many
+    "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "2",
     "MLFLOW_LOGGING_LEVEL": "CRITICAL",  # a warning of ours says what failed
     "MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR": "false",
     "MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT": "true",  # a server's; else two lines per run
@@ -86,6 +88,7 @@ class Starting:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._mlflow.join()  # a process that ends would leave its database half made
         self._stack.close()
 
     def ready(self) -> Services:

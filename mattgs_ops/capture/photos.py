@@ -24,6 +24,7 @@ SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp",
 # Files that operating systems and other tools leave beside photos; everything else is named.
 IGNORED_FILES = frozenset({"thumbs.db", "desktop.ini", "transforms.json"}) | LIST_FILES
 IGNORED_FOLDERS = frozenset({"masks", "sparse"})
+OUTPUT_MARK = ".mattgs-out"  # an empty file in folders of our own output
 PNG_BIT_DEPTH_OFFSET = 24  # byte of IHDR, PNG specification section 11.2.2
 TIFF_BITS_PER_SAMPLE = 258
 FILM_DIAGONAL = math.hypot(36.0, 24.0)  # mm, of the film that 35 mm equivalents refer to
@@ -67,9 +68,9 @@ def list_photos(folder: Path, masks: Path | None = None) -> tuple[list[Path], li
     """Return the files of ``folder`` that should be photos, sorted by name, and the problems.
 
     Folders within are read too. Hidden files and folders, ``Thumbs.db``, ``desktop.ini``,
-    ``transforms.json``, lists of a split, folders ``masks/`` and ``sparse/``, and the folder
-    ``masks`` that the user named are passed over. Any other file that is not an image is a problem:
-    photos that are silently left out would change the split.
+    ``transforms.json``, lists of a split, folders ``masks/`` and ``sparse/``, our own output, and
+    the folder ``masks`` that the user named are passed over. Any other file that is not an image is
+    a problem: photos that are silently left out would change the split.
     """
     photos, problems = [], []
     for path in sorted(_files(folder, masks, set())):
@@ -88,6 +89,12 @@ def list_photos(folder: Path, masks: Path | None = None) -> tuple[list[Path], li
     return photos, problems
 
 
+def mark_output(folder: Path) -> None:
+    """Mark a folder as our own output: it may lie among the photos, and holds none."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / OUTPUT_MARK).touch()
+
+
 def _files(folder: Path, masks: Path | None, seen: set[Path]) -> Iterator[Path]:
     """Yield files that are not hidden; ``seen`` keeps links to folders from leading in circles."""
     real = folder.resolve()
@@ -99,7 +106,7 @@ def _files(folder: Path, masks: Path | None, seen: set[Path]) -> Iterator[Path]:
             continue
         if not path.is_dir():
             yield path
-        elif path.name.lower() not in IGNORED_FOLDERS:
+        elif path.name.lower() not in IGNORED_FOLDERS and not (path / OUTPUT_MARK).is_file():
             yield from _files(path, masks, seen)
 
 

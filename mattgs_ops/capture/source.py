@@ -17,7 +17,7 @@ from mattgs_ops.capture.formats import colmap, nerfstudio
 from mattgs_ops.capture.formats.colmap_model import model_files
 from mattgs_ops.capture.formats.posed import PosedCapture, PosedPhoto, raise_all
 from mattgs_ops.capture.formats.split_lists import listed_names, read_lists
-from mattgs_ops.capture.photos import list_photos
+from mattgs_ops.capture.photos import OUTPUT_MARK, list_photos
 from mattgs_ops.capture.scene import Split
 from mattgs_ops.capture.video import VIDEO_SUFFIXES
 from mattgs_ops.config import CaptureConfig
@@ -210,6 +210,7 @@ def _unused_masks(images: Path) -> list[str]:
         for path in sorted(images.rglob("*"))
         if path.name.lower() == MASKS and path.is_dir() and path.parent != images
         if not any(part.startswith(".") for part in path.relative_to(images).parts)
+        and not any((parent / OUTPUT_MARK).is_file() for parent in path.parents)
     ]
 
 

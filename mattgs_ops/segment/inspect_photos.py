@@ -33,8 +33,8 @@ FEW_PHOTOS = 12  # neighbours farther apart than 30 degrees are hardly matched b
 SEED = 0
 
 STANDS_STILL = (
-    "most photos show the same things in the same places: the camera stands still, and what does "
-    'not turn with the object gives no poses; try sfm.mode = "masked", or walk around the object'
+    "most photos show the same things in the same places: the camera stands still, and poses will "
+    "come from the object alone; take photos at every 10 degrees or less, or walk around it"
 )
 
 Grey = NDArray[np.uint8]
@@ -69,9 +69,7 @@ def inspect(capture: PreparedCapture, *, progress: Progress = no_progress) -> In
     else:
         matched, placed, still = _matches(features)
     problems = _problems(names, sharp, bright, matched, placed)
-    if still:
-        problems.append(STANDS_STILL)
-        placed = 0
+    problems += [STANDS_STILL] if still else []
     return Inspected(names, tuple(sharp), tuple(bright), tuple(matched), placed, tuple(problems))
 
 

@@ -34,8 +34,8 @@ def check_units(name: str, cameras: Sequence[Camera], xyz: NDArray[np.float64]) 
         factor = 10.0 ** np.ceil(np.log10(WELL_BEYOND * NEAR_PLANE / np.median(seen)))
         raise InputError(
             f"{name}: {nearer:.0%} of what its cameras see is nearer than {NEAR_PLANE} units, "
-            f"where no splat is drawn; multiply camera positions and points by {factor:g}, or have poses "
-            'estimated (sfm.poses = "estimate")'
+            f"where no splat is drawn; multiply camera positions and points by {factor:g}, or have "
+            'poses estimated (sfm.poses = "estimate")'
         )
     centres = np.array([camera.centre for camera in cameras])
     middle = np.median(centres, axis=0)

@@ -97,7 +97,7 @@ def _stages(store: Store) -> list[Path]:
 
 def _artifacts(store: Store, keep: Collection[str]) -> Iterator[Removal]:
     for stage in _stages(store):
-        for place in sorted(stage.iterdir()):
+        for place in sorted(filter(Path.is_dir, stage.iterdir())):
             key = f"{stage.name}/{place.name}"
             if key not in keep:
                 yield Removal("artifact", key, _size(place))
@@ -110,7 +110,12 @@ def _work(store: Store) -> Iterator[Removal]:
 
 def _all_kept(store: Store, kept: Collection[str]) -> set[str]:
     """Return ``kept``, all that it was made of, and the summaries of nothing else."""
-    keys = [f"{stage.name}/{place.name}" for stage in _stages(store) for place in stage.iterdir()]
+    keys = [
+        f"{stage.name}/{place.name}"
+        for stage in _stages(store)
+        for place in stage.iterdir()
+        if place.is_dir()
+    ]
     manifests = {key: _manifest(store, key) for key in keys}
     inputs = {key: set(m.get("inputs", {}).values()) for key, m in manifests.items()}
     makers: dict[str, list[str]] = {}

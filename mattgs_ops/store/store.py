@@ -40,6 +40,9 @@ SCHEMA = 1
 MANIFEST = "manifest.json"
 FILES = "files"
 
+# What a file that is gone raises; other errors are of the disk or the network
+DAMAGED = (FileNotFoundError, NotADirectoryError)
+
 log = logging.getLogger(__name__)
 
 
@@ -107,7 +110,7 @@ class Store:
         """Return the artifact if it is there and intact, else None.
 
         Names and sizes are always compared with the manifest; SHA-256 digests too with
-        ``contents``. Never changes anything.
+        ``contents``. Never changes anything. Raises :class:`StageError` where it cannot be read.
         """
         place = self._place(key)
         if not place.is_dir():
@@ -120,8 +123,10 @@ class Store:
                 return Finished(
                     str(key), place / FILES, manifest["digest"], size, manifest["extra"]
                 )
-        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        except (*DAMAGED, ValueError, KeyError, TypeError, AttributeError) as error:
             problem = f"unreadable manifest ({error})"
+        except OSError as error:  # what is there may be intact
+            raise StageError(f"{place}: cannot be read: {error}") from error
         log.warning("%s is damaged: %s; it will be made again", key, problem)
         return None
 

@@ -8,12 +8,16 @@ artifacts. A row that is recorded again updates its run (``run_of_row``). What a
 logged again.
 
 A fresh SQLite database must be initialised once (:func:`initialise`) before several processes use
-it: concurrent first use would corrupt it for good.
+it: concurrent first use would corrupt it for good. It is made beside its place, under a lock, and
+moved there when it is whole: whoever is killed meanwhile leaves nothing half made.
 """
 
+import fcntl
 import json
+import os
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -26,19 +30,37 @@ from tasks.registry.project import benchmark_name, experiment_name, is_ours
 from tasks.registry.run_of_row import IDENTITY, RECORDED_TAG, ROW_FILE, ROW_TAG, Row
 
 CONFIG_FILE = "config.json"
+SQLITE = "sqlite:///"
 NOTHING = About()
 
 
 def initialise(tracking_uri: str) -> None:
     """Create the database's tables; raises :class:`InputError` when the place cannot be used."""
     from mlflow.exceptions import MlflowException
+    from sqlalchemy.exc import SQLAlchemyError
 
-    if tracking_uri.startswith("sqlite:///"):
-        Path(tracking_uri.removeprefix("sqlite:///")).parent.mkdir(parents=True, exist_ok=True)
     try:
-        _client(tracking_uri).search_experiments(max_results=1)
-    except MlflowException as error:
+        if tracking_uri.startswith(SQLITE):
+            with _made_database(Path(tracking_uri.removeprefix(SQLITE))):
+                _client(tracking_uri).search_experiments(max_results=1)
+        else:
+            _client(tracking_uri).search_experiments(max_results=1)
+    except (MlflowException, SQLAlchemyError) as error:
         raise InputError(f"MLflow at {tracking_uri} cannot be used: {error}") from error
+
+
+@contextmanager
+def _made_database(file: Path) -> Iterator[None]:
+    """Make an SQLite file with MLflow's tables where there is none, and hold others off."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with file.with_name(f"{file.name}.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not file.exists():
+            partial = file.with_name(f"{file.name}.{os.getpid()}.part")
+            partial.unlink(missing_ok=True)
+            _client(f"{SQLITE}{partial}").search_experiments(max_results=1)
+            partial.replace(file)
+        yield
 
 
 def open_benchmark(tracking_uri: str, benchmark: str, artifacts: Path | None) -> str:

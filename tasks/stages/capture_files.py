@@ -11,6 +11,7 @@ from pathlib import Path
 
 from mattgs_ops.capture.source import BUNDLED_FOLDER, is_video, open_source
 from mattgs_ops.config import CaptureConfig
+from mattgs_ops.errors import InputError
 from mattgs_ops.store.digests import file_digest
 
 
@@ -20,13 +21,35 @@ def capture_digest(capture: CaptureConfig) -> str:
     Raises :class:`InputError` when the capture cannot be read.
     """
     total = hashlib.sha256()
-    for label, path in sorted(_files(capture)):
-        total.update(f"{label}\0{file_digest(path)}\n".encode())
-    if capture.masks is not None:
-        for path in sorted(p for p in capture.masks.rglob("*") if p.is_file()):
-            label = path.relative_to(capture.masks).as_posix()
-            total.update(f"own masks/{label}\0{file_digest(path)}\n".encode())
+    try:
+        for label, path in sorted(_files(capture)):
+            total.update(_line(label, path))
+        if capture.masks is not None:
+            for path in sorted(p for p in capture.masks.rglob("*") if p.is_file()):
+                label = path.relative_to(capture.masks).as_posix()
+                total.update(_line(f"own masks/{label}", path))
+    except OSError as error:
+        raise InputError(f"{capture.name}: a file cannot be read: {error}") from error
     return total.hexdigest()
+
+
+def ids_digest(capture: CaptureConfig) -> str:
+    """Return SHA-256 over a rendered capture's id maps, empty where it has none.
+
+    They score small structures and train nothing, so that they are no part of what a capture is.
+    """
+    ids = None if is_video(capture) else open_source(capture).ids
+    if ids is None or not ids.is_dir():
+        return ""
+    total = hashlib.sha256()
+    for path in sorted(ids.iterdir()):
+        total.update(_line(path.name, path))
+    return total.hexdigest()
+
+
+def _line(label: str, path: Path) -> bytes:
+    """Return a file's name, of whatever bytes it is, and its digest."""
+    return f"{label}\0{file_digest(path)}\n".encode("utf-8", "surrogateescape")
 
 
 def _files(capture: CaptureConfig) -> Iterator[tuple[str, Path]]:

@@ -107,11 +107,11 @@ class StatusFile:
 
 
 def read(path: Path) -> Status | None:
-    """Return one stage's status; None when there is none (yet)."""
+    """Return one stage's status; None when there is none (yet), or none that can be read."""
     try:
         file = path.stat()
         status = _parsed(path, file.st_mtime_ns, file.st_ino)
-    except FileNotFoundError:
+    except (OSError, ValueError, TypeError):
         return None
     here = status.machine == gethostname()
     if status.state == "running" and here and not _alive(status.process):

@@ -154,6 +154,9 @@ def test_budgets_go_to_all_that_can_keep_to_them(tmp_path: Path) -> None:
 
 def test_a_network_and_certificates_lie_beside_the_benchmarks_file(tmp_path: Path) -> None:
     path = write(tmp_path, '[segment]\nmodel = "u2net.onnx"\n[run]\ndask_certificates = "keys"\n')
+    with pytest.raises(InputError, match=r"`segment\.model`: expected a file of weights at"):
+        load_toml(path)
+    (tmp_path / "u2net.onnx").touch()
     config = load_toml(path)
     assert config.segment.model == tmp_path / "u2net.onnx"
     assert config.run.dask_certificates == tmp_path / "keys"

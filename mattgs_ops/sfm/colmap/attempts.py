@@ -285,8 +285,7 @@ def _map(
     if not models:
         raise StageError(
             "structure-from-motion: no two views could be placed relative to each other; expected "
-            "photos from different positions of a textured, unmoving scene. (Where only the object "
-            'turns, before a camera that stands still, `sfm.mode = "masked"` uses nothing else.)'
+            "photos from different positions of a textured, unmoving scene"
         )
     state.answer.models = len(models)
     state.answer.components = [_names(state.job, model) for model in models]

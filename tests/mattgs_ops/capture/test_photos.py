@@ -15,6 +15,7 @@ from mattgs_ops.capture.photos import (
     exif_focal,
     exif_orientation,
     list_photos,
+    mark_output,
     on_white,
     read_rgb,
 )
@@ -186,6 +187,15 @@ def test_names_that_stages_cannot_use_are_told(tmp_path: Path, name: bytes, what
     photos, problems = list_photos(tmp_path)
     assert photos == [tmp_path / "a.jpg"]
     assert what in problems[0]
+
+
+def test_our_own_output_among_the_photos_holds_none(tmp_path: Path) -> None:
+    Image.fromarray(colours()).save(tmp_path / "a.png")
+    out = tmp_path / "mattgs-out"
+    mark_output(out)
+    (out / "run.json").write_text("{}")
+    Image.fromarray(colours()).save(out / "render.png")
+    assert list_photos(tmp_path) == ([tmp_path / "a.png"], [])
 
 
 def test_folders_are_read_and_their_links_do_not_go_in_circles(tmp_path: Path) -> None:

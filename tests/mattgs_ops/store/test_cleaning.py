@@ -70,6 +70,12 @@ def test_what_nobody_refers_to_goes_and_the_rest_stays(store: Store) -> None:
     assert names(store) == {}
 
 
+def test_files_that_are_no_artifacts_are_left_alone(store: Store) -> None:
+    (store.root / "train" / ".DS_Store").write_text("of another system")
+    assert LOST in names(store)
+    assert (store.root / "train" / ".DS_Store").is_file()
+
+
 def test_a_dry_run_counts_the_same_locks(store: Store) -> None:
     foretold = clean(store, {KEPT}, unused_since=time.time(), dry_run=True)
     assert clean(store, {KEPT}, unused_since=time.time()) == foretold

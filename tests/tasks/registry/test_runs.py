@@ -11,6 +11,7 @@ import pytest
 
 from mattgs_ops.errors import InputError
 from tasks.registry import run_of_row, runs, summary
+from tests.tasks.waiting import wait_for
 
 PROCESSES, ROWS_EACH = 3, 4
 
@@ -49,6 +50,23 @@ def client(uri: str) -> Any:
     from mlflow.tracking import MlflowClient
 
     return MlflowClient(tracking_uri=uri)
+
+
+def test_a_database_is_whole_or_not_there_and_a_broken_one_is_told(tmp_path: Path) -> None:
+    """Many begin at once; one is killed while it makes the tables."""
+    uri = f"sqlite:///{tmp_path / 'mlflow.db'}"
+    code = f"from tasks.registry import runs; runs.initialise({uri!r})"
+    first = subprocess.Popen([sys.executable, "-c", code])
+    wait_for(lambda: list(tmp_path.glob("mlflow.db.*.part")))
+    first.kill()
+    first.wait()
+    assert not (tmp_path / "mlflow.db").exists()
+    others = [subprocess.Popen([sys.executable, "-c", code]) for _ in range(2)]
+    assert [one.wait() for one in others] == [0, 0]
+    assert client(uri).search_experiments()
+    (tmp_path / "broken.db").write_bytes(b"no database" * 100)
+    with pytest.raises(InputError, match="cannot be used"):
+        runs.initialise(f"sqlite:///{tmp_path / 'broken.db'}")
 
 
 def test_a_row_becomes_a_run_that_says_everything(place: tuple[str, Path], tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """The digest of a capture: by contents and names, whatever form the capture has."""
 
+import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -9,7 +10,7 @@ from PIL import Image
 
 from mattgs_ops.config import CaptureConfig
 from mattgs_ops.errors import InputError
-from tasks.stages.capture_files import capture_digest
+from tasks.stages.capture_files import capture_digest, ids_digest
 
 
 def digest(path: Path, **settings: object) -> str:
@@ -60,6 +61,31 @@ def test_lists_masks_and_points_count(tmp_path: Path) -> None:
     Image.new("L", (8, 6)).save(tmp_path / "own" / "left" / "0.png")
     seen.append(digest(tmp_path / "a", masks=tmp_path / "own"))
     assert len(set(seen)) == len(seen)
+
+
+def test_id_maps_of_a_rendered_capture_count(tmp_path: Path) -> None:
+    nerf(tmp_path / "a")
+    (tmp_path / "a" / "object.json").write_text("{}")  # as `mattgs captures render` leaves it
+    (tmp_path / "a" / "ids").mkdir()
+    capture = CaptureConfig(name="a", path=tmp_path / "a")
+    seen = []
+    for value in (0, 1):
+        Image.new("L", (8, 6), value).save(tmp_path / "a" / "ids" / "r_0.png")
+        seen.append(ids_digest(capture))
+    assert seen[0] != seen[1]
+    (tmp_path / "a" / "object.json").unlink()
+    assert ids_digest(capture) == "", "a folder of that name of any other origin"
+
+
+def test_files_of_any_name_are_digested_and_unreadable_ones_are_told(tmp_path: Path) -> None:
+    nested(tmp_path / "a")
+    before = digest(tmp_path / "a")
+    os.close(os.open(os.fsencode(tmp_path / "a") + b"/notes\xe9.txt", os.O_CREAT))
+    assert digest(tmp_path / "a") != before
+    (tmp_path / "a" / "images" / "left" / "0.png").unlink()
+    (tmp_path / "a" / "images" / "left" / "0.png").symlink_to("/proc/self/mem")  # an I/O error
+    with pytest.raises(InputError, match="a: a file cannot be read"):
+        digest(tmp_path / "a")
 
 
 def test_a_video_goes_by_its_bytes(tmp_path: Path) -> None:

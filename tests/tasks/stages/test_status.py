@@ -18,6 +18,15 @@ def test_a_stage_is_followed_from_start_to_end(tmp_path: Path) -> None:
     assert (ended.state, ended.done, ended.note) == ("done", 10, "")
 
 
+def test_a_file_that_a_power_loss_left_empty_is_no_status(tmp_path: Path) -> None:
+    (tmp_path / "train.json").touch()
+    assert read(tmp_path / "train.json") is None
+    file = StatusFile(tmp_path / "train.json")
+    file.begin("train a", "train")
+    file.end("done")
+    assert [one.state for one in read_all(tmp_path)] == ["done"]
+
+
 def test_what_was_there_before_can_be_put_back(tmp_path: Path) -> None:
     file = StatusFile(tmp_path / "train.json")
     file.begin("train a", "train")

@@ -1,0 +1,40 @@
+"""A camera on a tripod before a turntable: what does not turn with the object gives no poses."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from mattgs_ops import sfm
+from mattgs_ops.capture.masks import read_map
+from mattgs_ops.capture.photos import read_rgb
+from mattgs_ops.capture.scene import PreparedCapture, Scene
+from mattgs_ops.config import SfmConfig
+from tests.mattgs_ops.conftest import print_texture
+
+Copy = Callable[..., PreparedCapture]
+
+
+def test_poses_come_from_the_object_where_all_else_stands_still(
+    copied: Copy, tmp_path: Path
+) -> None:
+    capture = copied()
+    room = print_texture(np.random.default_rng(5), 256, 900)
+    for view in capture.views:
+        assert view.mask is not None
+        photo = read_rgb(view.photo)
+        around = read_map(view.mask) == 0
+        photo[around] = room[: view.height, : view.width][around].astype(np.uint8)
+        cv2.imwrite(str(view.photo), photo)
+    masks = capture.views[0].mask
+    assert masks is not None
+    scene = sfm.reconstruct(capture, masks.parent, SfmConfig(), tmp_path / "out")
+    assert scene.extra["mode"] == "masked"
+    assert "most matches do not move: poses from inside masks alone" in scene.extra["fallbacks"]
+    assert scene.extra["registered"] >= 8
+
+
+def test_a_camera_that_walks_keeps_the_whole_photo(box_scene: Scene) -> None:
+    assert box_scene.extra["mode"] == "shared"
+    assert not box_scene.extra["fallbacks"]

@@ -15,11 +15,11 @@ rendered without a matrix, as test views are, show the mean exposure of the trai
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -85,7 +85,11 @@ class Exposures:
         matrix, offset = self.matrices[view, :, :3], self.matrices[view, :, 3]
         colour, alpha = torch.tensor(background), rendering.alpha
         own = rendering.image - (1 - alpha)[..., None] * colour
-        grad_matrix = _summed(grad.reshape(-1, 3), torch.cat([own, alpha[..., None]], dim=-1))
+        flat = grad.reshape(-1, 3)
+        with _one_thread():  # sums over pixels: more would add them in another order
+            grad_matrix = torch.cat(
+                [flat.T @ own.reshape(-1, 3), flat.T @ alpha.reshape(-1, 1)], dim=1
+            )
         grad_alpha = grad @ (matrix @ colour + offset - colour)
         return ExposureGradients(grad @ matrix, grad_alpha, grad_matrix)
 
@@ -127,10 +131,18 @@ class Exposures:
         return float(grey.max() / grey.min().clamp_min(1e-3))
 
 
-def _summed(grad: Tensor, inputs: Tensor) -> Tensor:
-    """Return the sum over pixels of the outer products [3, 4], in one order for all threads."""
-    one, other = (t.reshape(-1, t.shape[-1]).numpy().astype(np.float64) for t in (grad, inputs))
-    return torch.from_numpy(np.einsum("nc,nd->cd", one, other)).float()
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Have torch use one thread inside."""
+    threads = torch.get_num_threads()
+    if threads == 1:
+        yield
+        return
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
 
 
 def exposure_rate(step: int, iterations: int) -> float:

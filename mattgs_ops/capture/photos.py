@@ -44,6 +44,9 @@ TURNS = {  # EXIF 2.32, orientation: how pixels as stored become upright
     7: Image.Transpose.TRANSVERSE,
     8: Image.Transpose.ROTATE_90,
 }
+# Stands for the slash in the name of a view whose photo lies in a folder of its own: later stages
+# keep all views of a capture in one folder.
+FOLDER_MARK = "__"
 LONGEST_NAME = 251  # bytes; stages add `.png`, and file systems end at 255
 
 
@@ -246,7 +249,7 @@ def _is_image(path: Path) -> bool:
 def _name_problem(path: Path, folder: Path) -> str:
     """Say what is wrong with a file's name; empty where it can be used."""
     try:
-        name = path.relative_to(folder).as_posix().replace("/", "__").encode()
+        name = path.relative_to(folder).as_posix().replace("/", FOLDER_MARK).encode()
     except UnicodeEncodeError:  # as from an archive of another system
         return f"{str(path)!a}: its name is not UTF-8; rename it"
     if len(name) > LONGEST_NAME:

@@ -150,6 +150,12 @@ class SparsePoints:
     object_share: NDArray[np.float32]
     views_seen: NDArray[np.int32]
 
+    def chosen(self, rows: NDArray[np.bool_] | slice) -> "SparsePoints":
+        """Return some of the points."""
+        return SparsePoints(
+            self.xyz[rows], self.rgb[rows], self.object_share[rows], self.views_seen[rows]
+        )
+
 
 @dataclass(frozen=True)
 class Scene:

@@ -17,7 +17,7 @@ from mattgs_ops.capture.formats import colmap, nerfstudio
 from mattgs_ops.capture.formats.colmap_model import model_files
 from mattgs_ops.capture.formats.posed import PosedCapture, PosedPhoto, raise_all
 from mattgs_ops.capture.formats.split_lists import listed_names, read_lists
-from mattgs_ops.capture.photos import OUTPUT_MARK, list_photos
+from mattgs_ops.capture.photos import FOLDER_MARK, OUTPUT_MARK, list_photos
 from mattgs_ops.capture.scene import Split
 from mattgs_ops.capture.video import VIDEO_SUFFIXES
 from mattgs_ops.config import CaptureConfig
@@ -25,9 +25,6 @@ from mattgs_ops.errors import InputError
 
 RENDERED_FILE = "object.json"  # how a rendered capture was made (synthetic/render.py)
 BUNDLED_FOLDER = Path(__file__).resolve().parent.parent / "bundled"
-# Stands for the slash in the name of a view whose photo lies in a folder of its own: later stages
-# keep all views of a capture in one folder.
-FOLDER_MARK = "__"
 IMAGES, MASKS = "images", "masks"  # folders of a capture, as nerfstudio and COLMAP call them
 
 

@@ -104,9 +104,7 @@ def on_object(points: SparsePoints, share: float = OBJECT_SHARE) -> SparsePoints
     """Keep the points that at least ``share`` of the views that see them place on the object."""
     # float32 shares such as 4/5 lie a hair beside the float64 threshold
     keep = points.object_share >= np.float32(share)
-    return SparsePoints(
-        points.xyz[keep], points.rgb[keep], points.object_share[keep], points.views_seen[keep]
-    )
+    return points.chosen(keep)
 
 
 def write_ply(points: SparsePoints, path: Path) -> None:

@@ -5,7 +5,6 @@ masks confine them to where the object can be (Laurentini 1994).
 """
 
 from collections.abc import Sequence
-from dataclasses import fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,14 +66,13 @@ def with_random(points: SparsePoints, before: SparsePoints, views: Sequence[View
 
     Masks have changed since: only those in today's visual hull are kept, or all where none is.
     """
-    rest = slice(len(points.xyz), None)
-    random = SparsePoints(*(getattr(before, one.name)[rest] for one in fields(before)))
+    random = before.chosen(slice(len(points.xyz), None))
     if not len(random.xyz):
         return points
     _, cameras, masks = _carving(views)
     kept = _in_hull(random.xyz, cameras, masks)
     if cameras and kept.any():
-        random = SparsePoints(*(getattr(random, one.name)[kept] for one in fields(random)))
+        random = random.chosen(kept)
     return joined(points, random)
 
 

@@ -100,9 +100,9 @@ def are_likest(shown: Floats, photos: Floats) -> NDArray[np.bool_]:
     Photos that are nearly the same as its own, of a burst or there twice, do not count.
     """
     # |a - b|² without |a|², which is the same for all photos
-    apart = (photos**2).sum(axis=1)[None] - 2 * shown @ photos.T
-    own = np.diag(apart)
     squares = (photos**2).sum(axis=1)
+    apart = squares[None] - 2 * shown @ photos.T
+    own = np.diag(apart)
     between = squares[:, None] + squares[None] - 2 * photos @ photos.T
     others = np.where(between <= SAME * np.median(between), np.inf, apart)
     np.fill_diagonal(others, np.inf)

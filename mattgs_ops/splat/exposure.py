@@ -15,8 +15,7 @@ rendered without a matrix, as test views are, show the mean exposure of the trai
 """
 
 import json
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,6 +24,7 @@ from torch import Tensor
 
 from mattgs_ops.splat.photos import Colour
 from mattgs_ops.splat.rasterize import Rendering
+from mattgs_ops.splat.torch_threads import torch_threads
 
 FILE = "exposures.json"
 # as in the original release's arguments: exposure_lr_init and exposure_lr_final
@@ -86,7 +86,7 @@ class Exposures:
         colour, alpha = torch.tensor(background), rendering.alpha
         own = rendering.image - (1 - alpha)[..., None] * colour
         flat = grad.reshape(-1, 3)
-        with _one_thread():  # sums over pixels: more would add them in another order
+        with torch_threads(1):  # sums over pixels: more would add them in another order
             grad_matrix = torch.cat(
                 [flat.T @ own.reshape(-1, 3), flat.T @ alpha.reshape(-1, 1)], dim=1
             )
@@ -129,20 +129,6 @@ class Exposures:
         """
         grey = (self.matrices[:, :, :3].sum(dim=2) * 0.5 + self.matrices[:, :, 3]).mean(dim=1)
         return float(grey.max() / grey.min().clamp_min(1e-3))
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Have torch use one thread inside."""
-    threads = torch.get_num_threads()
-    if threads == 1:
-        yield
-        return
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)
 
 
 def exposure_rate(step: int, iterations: int) -> float:

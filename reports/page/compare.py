@@ -139,15 +139,10 @@ def judged(first: Side, second: Side) -> str:
 def notes(first: Side, second: Side) -> list[str]:
     """Return why the scores of the two do not compare, as far as the rows tell."""
     both = second.row, first.row
-    protocols = [comparable.protocol_of(row) for row in (first.row, second.row)]
-    found = comparable.other_inputs(*both) + comparable.other_views(*both)
-    found += comparable.other_truth(*both)
-    if protocols[0] != protocols[1]:
-        found.insert(0, f"protocol: baseline {protocols[0]}, candidate {protocols[1]}")
-    for called, row in (("baseline", first.row), ("candidate", second.row)):
-        if leaked := comparable.trained_on_held_out(row):
-            text = f"{called}: held-out views were trained on: {comparable.listed(leaked)}"
-            found.insert(0, text)
+    found = [f"candidate: {text}" for text in comparable.leaks(second.row)]
+    found += [f"baseline: {text}" for text in comparable.leaks(first.row)]
+    found += comparable.other_protocol(*both) + comparable.other_inputs(*both)
+    found += comparable.other_views(*both) + comparable.other_truth(*both)
     if first.row["background"] != second.row["background"]:
         found.insert(0, "Without background, white pixels come for free: compare in the mask only.")
     return [text.replace("baseline", "A").replace("candidate", "B") for text in found]

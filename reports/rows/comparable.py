@@ -26,19 +26,22 @@ def reasons(candidate: Row, baseline: Row) -> list[str]:
     if differences:
         return differences
     ours, theirs = candidate.get("provenance") or {}, baseline.get("provenance") or {}
-    for name, candidate_value, baseline_value in (
-        ("protocol", protocol_of(candidate), protocol_of(baseline)),
-        ("configuration digest", ours.get("config_digest"), theirs.get("config_digest")),
-    ):
-        if candidate_value != baseline_value or candidate_value is None:
-            differences.append(
-                f"{name}: baseline {_short(baseline_value)}, candidate {_short(candidate_value)}"
-            )
-    differences += other_inputs(candidate, baseline)
-    leaked = trained_on_held_out(candidate)
-    if leaked:
-        differences.append(f"held-out views were trained on: {listed(leaked)}")
+    differences += other_protocol(candidate, baseline)
+    digests = ours.get("config_digest"), theirs.get("config_digest")
+    differences += _unlike("configuration digest", *digests)
+    differences += other_inputs(candidate, baseline) + leaks(candidate)
     return differences + other_views(candidate, baseline)
+
+
+def other_protocol(candidate: Row, baseline: Row) -> list[str]:
+    """Return which versions two rows' numbers are of, where they differ."""
+    return _unlike("protocol", protocol_of(candidate), protocol_of(baseline))
+
+
+def _unlike(name: str, candidate_value: Any, baseline_value: Any) -> list[str]:
+    if candidate_value == baseline_value and candidate_value is not None:
+        return []
+    return [f"{name}: baseline {_short(baseline_value)}, candidate {_short(candidate_value)}"]
 
 
 def other_truth(candidate: Row, baseline: Row) -> list[str]:
@@ -80,6 +83,12 @@ def other_inputs(candidate: Row, baseline: Row) -> list[str]:
 def trained_on_held_out(row: Row) -> list[str]:
     """Return the names of held-out views that a row was trained on."""
     return sorted(names(row, "test") & trained_views(row)[0])
+
+
+def leaks(row: Row) -> list[str]:
+    """Say which held-out views a row was trained on, if any."""
+    leaked = trained_on_held_out(row)
+    return [f"held-out views were trained on: {listed(leaked)}"] if leaked else []
 
 
 def other_views(candidate: Row, baseline: Row) -> list[str]:

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 
-from reports.rows.schema import Row
+from reports.rows.schema import Row, place_of
 
 
 def without_infinite_views(rows: Sequence[Row]) -> tuple[list[Row], list[str]]:
@@ -17,13 +17,9 @@ def without_infinite_views(rows: Sequence[Row]) -> tuple[list[Row], list[str]]:
         for view in row["per_view"]:
             wrong = [k for k, v in view.items() if isinstance(v, float) and not math.isfinite(v)]
             sentences += [
-                f"row {index} ({_place(row)}): {name} of {view['view']} is {view[name]}, left out"
+                f"row {index} ({place_of(row)}): {name} of {view['view']} is {view[name]}, left out"
                 for name in wrong
             ]
             views.append(view | dict.fromkeys(wrong) if wrong else view)
         out.append(row | {"per_view": views})
     return out, sentences
-
-
-def _place(row: Row) -> str:
-    return f"{row['capture']}/{row['condition']}, seed {row['seed']}"

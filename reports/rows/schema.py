@@ -107,11 +107,11 @@ def problems(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     identities: set[tuple[CellKey, int]] = set()
     for index, row in enumerate(rows):
         own = row_problems(row)
-        sentences += [f"row {index} ({_where(row)}): {text}" for text in own]
+        sentences += [f"row {index} ({place_of(row)}): {text}" for text in own]
         if not own:
             identity = (key_of(row), int(row["seed"]))
             if identity in identities:
-                sentences.append(f"row {index} ({_where(row)}): seed {row['seed']} appears twice")
+                sentences.append(f"row {index} ({place_of(row)}): seed {row['seed']} appears twice")
             identities.add(identity)
     return sentences
 
@@ -182,7 +182,8 @@ def _view_problems(views: Sequence[Any]) -> list[str]:
     return sentences
 
 
-def _where(row: Mapping[str, Any]) -> str:
+def place_of(row: Mapping[str, Any]) -> str:
+    """Return a row's place in its grid, as sentences name it."""
     return f"{row.get('capture', '?')}/{row.get('condition', '?')}, seed {row.get('seed', '?')}"
 
 

@@ -9,8 +9,6 @@ killed after its end is found finished. Training reads the registered training v
 points, nothing of the test views.
 """
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -28,6 +26,7 @@ from mattgs_ops.splat.files.ply import read_ply, write_ply
 from mattgs_ops.splat.files.training_report import SCHEMA, TrainingReport
 from mattgs_ops.splat.gaussians import Splats
 from mattgs_ops.splat.photos import background_colour, store_views
+from mattgs_ops.splat.torch_threads import torch_threads
 from mattgs_ops.splat.training import checkpoint
 from mattgs_ops.splat.training.checkpoint import TrainingState
 from mattgs_ops.splat.training.initialise import (
@@ -136,7 +135,7 @@ def train(
         (out / checkpoint.FILE).unlink(missing_ok=True)
         progress(iterations, iterations, "had ended")
         return finished
-    with torch.no_grad(), _threads(threads):
+    with torch.no_grad(), torch_threads(threads):
         trainer, points = experiment.trainer(threads)
         state = checkpoint.load(out, digest)
         resumed_from = 0 if state is None else state.step
@@ -191,7 +190,7 @@ def train_in_memory(
     experiment: Experiment, *, threads: int = 1, progress: Progress = no_progress
 ) -> Splats:
     """Train as :func:`train` does and return the splats; write no file and measure no speed."""
-    with torch.no_grad(), _threads(threads):
+    with torch.no_grad(), torch_threads(threads):
         trainer, points = experiment.trainer(threads)
         state, _ = _first_state(trainer, points, experiment.seed)
         run_steps(trainer, state, [ProgressReport(trainer, progress)])
@@ -229,14 +228,3 @@ def _first_state(
     state.counters["starting_splats"] = len(chosen.xyz)
     state.counters["removed_before_start"] = len(points.xyz) - len(chosen.xyz)
     return state, kept
-
-
-@contextmanager
-def _threads(count: int) -> Iterator[None]:
-    """Let torch use ``count`` threads for the time being."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(count)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)

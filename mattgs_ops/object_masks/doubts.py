@@ -14,7 +14,8 @@ from mattgs_ops.object_masks.silhouettes import CONTRADICT
 from mattgs_ops.segment.mask_report import FRAME_SHARE, MaskReport
 
 MANY = 0.5  # of the views: a flag that more than half of them carry is the capture's
-DIFFERENT_EXPOSURE = 2**0.5  # half a stop: cameras set exposure in steps of thirds
+DIFFERENT_EXPOSURE = 0.5  # stops: cameras set exposure in steps of thirds
+GAMMA = 2.2  # light is about the 2.2th power of an sRGB value (IEC 61966-2-1)
 NAMED = 5  # views named in one sentence
 
 
@@ -40,12 +41,13 @@ def of_masks(report: MaskReport, extra: Mapping[str, Any]) -> list[Doubt]:
 
 
 def of_exposure(spread: float) -> list[Doubt]:
-    """Return what to say of photos whose brightness differs by a factor of up to ``spread``."""
-    if spread < DIFFERENT_EXPOSURE:
+    """Return what to say of photos whose sRGB values differ by a factor of up to ``spread``."""
+    stops = GAMMA * float(np.log2(spread))
+    if stops < DIFFERENT_EXPOSURE:
         return []
     text = (
-        f"photos differ in brightness by a factor of up to {spread:.1f}: compare colour-corrected "
-        "scores, as plain ones count a test photo's own exposure"
+        f"photos differ in exposure by up to {stops:.1f} stops: compare colour-corrected scores, "
+        "as plain ones count a test photo's own exposure"
     )
     return [Doubt("exposure", text, False)]
 

@@ -1,11 +1,12 @@
 """A quick look at photos before anything long is started: what is wrong, and what it may lead to.
 
-``inspect(capture)`` takes a prepared capture and says of each photo how sharp and how bright it is,
-and to how many others it can be matched. Photos that hang together by matches are what
-structure-from-motion can place. All is done at :data:`SIDE` pixels: a share of a second a photo.
+``inspect(capture)`` takes a prepared capture and says which photos are blurred, too dark or too
+bright, and with how many others each can be matched. Photos that hang together by matches are what
+structure-from-motion can place. Exposures are compared on matched points, as whole photos show
+other things. All is done at :data:`SIDE` pixels: a share of a second a photo.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -28,7 +29,8 @@ AROUND = 4  # neighbours by name that a photo is matched with, to either side
 STRIDE = 7  # and every so-many-th photo beyond them: walks go around more than once
 BLURRED = 0.25  # of the median sharpness: the motion of a hand, not another distance
 DARK, BRIGHT = 0.08, 0.92  # mean of a photo, of 1: little is left to match
-UNEVEN = 0.25  # standard deviation of the photos' log2 brightness: a quarter of a stop
+UNEVEN = 0.25  # stops, standard deviation over photos: cameras set exposure in thirds of a stop
+AROUND_POINT = 4  # pixels, deviation of the blur through which a matched point's light is read
 FEW_PHOTOS = 12  # neighbours farther apart than 30 degrees are hardly matched by SIFT
 SEED = 0
 
@@ -38,18 +40,38 @@ STANDS_STILL = (
 )
 
 Grey = NDArray[np.uint8]
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Inspected:
-    """What was seen: a number per photo, and sentences about what is wrong."""
+    """What was seen of the photos, and sentences about what is wrong."""
 
     names: tuple[str, ...]
-    sharpness: tuple[float, ...]
-    brightness: tuple[float, ...]  # 0 to 1
     matched: tuple[int, ...]  # photos that share FEWEST_INLIERS matches with this one
     placed: int  # photos that hang together: about as many will register
     problems: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Features:
+    """Key points of a photo, and log2 of the light around them, [N, 2], [N, 128] and [N]."""
+
+    points: NDArray[np.float32]
+    descriptors: NDArray[np.float32]
+    light: Floats
+
+
+@dataclass(frozen=True)
+class _Matched:
+    """Two photos of one scene: how far its points moved between them, and how much lighter it got.
+
+    ``moved`` is in pixels, ``stops`` are exposure values by which the second photo is lighter:
+    medians over the matches that lie on epipolar lines.
+    """
+
+    moved: float
+    stops: float
 
 
 def inspect(capture: PreparedCapture, *, progress: Progress = no_progress) -> Inspected:
@@ -62,15 +84,21 @@ def inspect(capture: PreparedCapture, *, progress: Progress = no_progress) -> In
         grey = _shrunk(cv2.cvtColor(photo, cv2.COLOR_RGB2GRAY))
         sharp.append(sharpness(np.ascontiguousarray(photo[..., ::-1])))
         bright.append(float(grey.mean()) / 255)
-        features.append(sift.detectAndCompute(grey, None))
+        features.append(_features(grey, sift))
         progress(index + 1, len(names), view.name)
     if capture.cameras_are == "given":
-        matched, placed, still = [len(names) - 1] * len(names), len(names), False
+        matched, placed = [len(names) - 1] * len(names), len(names)
+        links: dict[tuple[int, int], _Matched] = {}
     else:
-        matched, placed, still = _matches(features)
+        links = _matches(features)
+        matched, placed = _together(list(links), len(names))
     problems = _problems(names, sharp, bright, matched, placed)
-    problems += [STANDS_STILL] if still else []
-    return Inspected(names, tuple(sharp), tuple(bright), tuple(matched), placed, tuple(problems))
+    uneven = float(exposures({pair: link.stops for pair, link in links.items()}, len(names)).std())
+    if uneven > UNEVEN:
+        problems.append(f"exposure differs between photos: {uneven:.2f} stops (standard deviation)")
+    if sum(link.moved < LOOSE for link in links.values()) > len(links) / 2:
+        problems.append(STANDS_STILL)
+    return Inspected(names, tuple(matched), placed, tuple(problems))
 
 
 def pairs(count: int) -> list[tuple[int, int]]:
@@ -80,47 +108,77 @@ def pairs(count: int) -> list[tuple[int, int]]:
     return sorted((a, b) for a, b in found if a != b)
 
 
-def _matches(
-    features: Sequence[tuple[Sequence[cv2.KeyPoint], Grey | None]],
-) -> tuple[list[int], int, bool]:
-    """Return with how many others each photo matches, and the size of the largest group.
+def exposures(stops: Mapping[tuple[int, int], float], count: int) -> Floats:
+    """Return each photo's exposure in stops [count] from differences between pairs of photos.
 
-    And whether the camera stands still: in more than half of the pairs that match, more than half
-    of the matches have not moved.
+    ``stops[a, b]`` is by how much photo ``b`` is lighter than ``a`` where both show the same. Least
+    squares; the mean of photos that hang together is 0.
     """
-    count = len(features)
-    moved = {pair: _moved(features[pair[0]], features[pair[1]]) for pair in pairs(count)}
-    linked = [pair for pair, by in moved.items() if by is not None]
-    still = sum(by is not None and by < LOOSE for by in moved.values()) > len(linked) / 2
+    rows = np.zeros((len(stops), count))
+    for row, (first, second) in zip(rows, stops, strict=True):
+        row[first], row[second] = -1.0, 1.0
+    found: Floats = np.linalg.lstsq(rows, np.array(list(stops.values())), rcond=None)[0]
+    return found
+
+
+def _features(grey: Grey, sift: cv2.SIFT) -> _Features | None:
+    """Return a photo's key points; None where there are too few for any match."""
+    points, descriptors = sift.detectAndCompute(grey, None)
+    if descriptors is None or len(points) < FEWEST_INLIERS:
+        return None
+    places = np.array([point.pt for point in points], dtype=np.float32)
+    light = cv2.GaussianBlur(linear_light(grey), (0, 0), AROUND_POINT)
+    column, row = np.round(places).astype(np.int64).T
+    row, column = row.clip(0, grey.shape[0] - 1), column.clip(0, grey.shape[1] - 1)
+    darkest = linear_light(np.ones(1, np.uint8))[0]
+    around = np.log2(np.maximum(light[row, column], darkest)).astype(np.float64)
+    return _Features(places, np.asarray(descriptors, dtype=np.float32), around)
+
+
+def linear_light(grey: Grey) -> NDArray[np.float32]:
+    """Return the light, 0 to 1, of 8-bit sRGB values: stops are ratios of light (IEC 61966-2-1)."""
+    encoded = np.arange(256) / 255
+    light = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+    return np.asarray(light[grey], dtype=np.float32)
+
+
+def _matches(features: Sequence[_Features | None]) -> dict[tuple[int, int], _Matched]:
+    """Return the pairs of photos that match, by their indices."""
+    found = {}
+    for first, second in pairs(len(features)):
+        one, other = features[first], features[second]
+        match = None if one is None or other is None else _match(one, other)
+        if match is not None:
+            found[first, second] = match
+    return found
+
+
+def _together(linked: Sequence[tuple[int, int]], count: int) -> tuple[list[int], int]:
+    """Return with how many others each photo matches, and the size of the largest group."""
     matched = np.bincount(np.array(linked, dtype=np.int64).ravel(), minlength=count)
     first, second = np.array(linked, dtype=np.int64).reshape(-1, 2).T
     graph = coo_array((np.ones(len(first), np.int8), (first, second)), shape=(count, count))
     groups = connected_components(graph, directed=False)[1]
-    return [int(one) for one in matched], int(np.bincount(groups).max()), still
+    return [int(one) for one in matched], int(np.bincount(groups).max())
 
 
-def _moved(
-    first: tuple[Sequence[cv2.KeyPoint], Grey | None],
-    second: tuple[Sequence[cv2.KeyPoint], Grey | None],
-) -> float | None:
-    """Return by how many pixels the matches that lie on epipolar lines moved, the median of them.
-
-    None where two photos share too few.
-    """
-    if first[1] is None or second[1] is None or min(len(first[1]), len(second[1])) < FEWEST_INLIERS:
-        return None
-    found = cv2.BFMatcher(cv2.NORM_L2).knnMatch(first[1], second[1], k=2)
+def _match(first: _Features, second: _Features) -> _Matched | None:
+    """Match two photos' key points; None where they share too few."""
+    found = cv2.BFMatcher(cv2.NORM_L2).knnMatch(first.descriptors, second.descriptors, k=2)
     good = [two[0] for two in found if len(two) == 2 and two[0].distance < RATIO * two[1].distance]
     if len(good) < FEWEST_INLIERS:
         return None
-    here = np.array([first[0][one.queryIdx].pt for one in good], dtype=np.float32)
-    there = np.array([second[0][one.trainIdx].pt for one in good], dtype=np.float32)
+    here, there = [one.queryIdx for one in good], [one.trainIdx for one in good]
     cv2.setRNGSeed(SEED)
-    inliers = cv2.findFundamentalMat(here, there, cv2.FM_RANSAC, LOOSE, 0.99)[1]
+    inliers = cv2.findFundamentalMat(
+        first.points[here], second.points[there], cv2.FM_RANSAC, LOOSE, 0.99
+    )[1]
     if inliers is None or int(inliers.sum()) < FEWEST_INLIERS:
         return None
     on_lines = inliers.ravel() > 0
-    return float(np.median(np.linalg.norm(here[on_lines] - there[on_lines], axis=1)))
+    moves = np.linalg.norm(first.points[here] - second.points[there], axis=1)
+    lighter = second.light[there] - first.light[here]
+    return _Matched(float(np.median(moves[on_lines])), float(np.median(lighter[on_lines])))
 
 
 def _problems(
@@ -145,9 +203,6 @@ def _problems(
     problems = [
         f"{len(found)} {what}: {', '.join(found)}" for what, found in listed.items() if found
     ]
-    spread = float(np.log2(np.maximum(bright, 1 / 255)).std())
-    if spread > UNEVEN:
-        problems.append(f"exposure differs between photos: {spread:.2f} stops (standard deviation)")
     if len(names) < FEW_PHOTOS:
         problems.append(
             f"{len(names)} photos are few: from {FEW_PHOTOS} on they overlap, 30 are better"

@@ -131,6 +131,13 @@ class Exposures:
         return float(grey.max() / grey.min().clamp_min(1e-3))
 
 
+def as_photographed(
+    exposures: Exposures | None, view: int, rendering: Rendering, background: Colour
+) -> Tensor:
+    """Return what a view's photo is compared with [H, W, 3]: its exposure applied, if it has one."""
+    return rendering.image if exposures is None else exposures.apply(view, rendering, background)
+
+
 def exposure_rate(step: int, iterations: int) -> float:
     """Return the learning rate of a step, from 1: it falls exponentially from first to last."""
     share = min(max(step / iterations, 0.0), 1.0)

@@ -126,7 +126,7 @@ class CurveWriter(Callback):
         rate = (state.step - step) / max(state.wall_seconds - seconds, 1e-9)
         self._last = state.step, state.wall_seconds
         scores = result.loss, result.l1, result.ssim, result.psnr
-        fixed_psnr = self._trainer.fixed_psnr(state.splats)
+        fixed_psnr = self._trainer.fixed_psnr(state)
         self._curve.add(CurveRow(state.step, *scores, len(state.splats), rate, fixed_psnr))
 
     def flush(self) -> None:

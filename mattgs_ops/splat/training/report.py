@@ -1,7 +1,8 @@
 """What a training says about itself in ``training.json``: its loss terms and its memory.
 
-Loss terms are means over all training views of the finished splats, unrounded, full frame. They
-come by their own names because the paper's columns mix two scales:
+Loss terms are means over all training views of the finished splats, unrounded, full frame, with
+each photo's exposure where training found one. They come by their own names because the paper's
+columns mix two scales:
 
 * ``l1``, ``ssim``, ``loss``: plain, the same for every method; ``loss`` is
   ``(1 - λ) l1 + λ (1 - ssim)``;
@@ -18,10 +19,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from mattgs_ops.splat.attention import paper_attention
-from mattgs_ops.splat.gaussians import FLOATS_PER_SPLAT, Splats
+from mattgs_ops.splat.exposure import as_photographed
+from mattgs_ops.splat.gaussians import FLOATS_PER_SPLAT
 from mattgs_ops.splat.photos import Colour, StoredView
 from mattgs_ops.splat.rasterize import render
 from mattgs_ops.splat.ssim import photometric_loss
+from mattgs_ops.splat.training.checkpoint import TrainingState
 from mattgs_ops.splat.training.trainer import Trainer
 
 # Parameters, gradients and two moments, twice while splats are added; and the engine's own
@@ -47,13 +50,13 @@ def peak_memory() -> float:
     return peak / MIB if sys.platform == "darwin" else peak / 1024.0  # bytes there, KiB here
 
 
-def loss_terms(trainer: Trainer, splats: Splats, colour: Colour) -> dict[str, float]:
+def loss_terms(trainer: Trainer, state: TrainingState, colour: Colour) -> dict[str, float]:
     """Return the terms that the module's docstring names, over all training views."""
     share = trainer.config.ssim_lambda
     rows = []
     for index, view in enumerate(trainer.views):
-        rendering = render(splats, view.camera, colour, threads=trainer.threads)
-        image = rendering.image
+        rendering = render(state.splats, view.camera, colour, threads=trainer.threads)
+        image = as_photographed(state.exposures, index, rendering, colour)
         target = trainer.target(view, colour)
         found = photometric_loss(
             image,
@@ -76,7 +79,7 @@ def loss_terms(trainer: Trainer, splats: Splats, colour: Colour) -> dict[str, fl
                 "paper_loss": (1 - share) * paper + share * dissimilar,
                 "optimised_loss": found.loss
                 + trainer.alpha_loss(index, rendering)[0]
-                + trainer.strategy.penalty(splats),
+                + trainer.strategy.penalty(state.splats),
             }
         )
     return {name: float(np.mean([row[name] for row in rows])) for name in rows[0]}

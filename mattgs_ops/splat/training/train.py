@@ -169,7 +169,7 @@ def train(
             background=colour,
             schedule=asdict(trainer.schedule),
             counters=state.counters,
-            loss_terms=loss_terms(trainer, state.splats, colour),
+            loss_terms=loss_terms(trainer, state, colour),
             peak_memory_mib=peak_memory(),
             memory_bound_mib=bound,
             digest=digest,

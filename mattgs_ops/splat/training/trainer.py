@@ -20,7 +20,7 @@ from mattgs_ops.frozen import Background
 from mattgs_ops.method import MethodConfig
 from mattgs_ops.splat.alpha_loss import alpha_loss
 from mattgs_ops.splat.attention import attention_map, loss_weights, point_scores
-from mattgs_ops.splat.gaussians import Splats
+from mattgs_ops.splat.exposure import as_photographed
 from mattgs_ops.splat.memory import Memory
 from mattgs_ops.splat.photos import (
     WHITE,
@@ -126,9 +126,8 @@ class Trainer:
             threads=self.threads,
             memory=self._memory,
         )
-        shown, exposures = rendering.image, state.exposures
-        if exposures is not None:
-            shown = exposures.apply(index, rendering, colour)
+        exposures = state.exposures
+        shown = as_photographed(exposures, index, rendering, colour)
         loss = photometric_loss(
             shown,
             target,
@@ -205,10 +204,12 @@ class Trainer:
             return image
         return torch.from_numpy(recolour(image.numpy(), unit_range(view.mask).numpy(), colour))
 
-    def fixed_psnr(self, splats: Splats) -> float:
+    def fixed_psnr(self, state: TrainingState) -> float:
         """Return PSNR in dB of the middle view, over the colour that splats are shown on."""
-        view, colour = self.views[len(self.views) // 2], background_colour(self.config)
-        image = render(splats, view.camera, colour, threads=self.threads).image
+        index, colour = len(self.views) // 2, background_colour(self.config)
+        view = self.views[index]
+        rendering = render(state.splats, view.camera, colour, threads=self.threads)
+        image = as_photographed(state.exposures, index, rendering, colour)
         return psnr(image, self.target(view, colour))
 
     def _next_view(self, state: TrainingState) -> int:

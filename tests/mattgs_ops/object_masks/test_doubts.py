@@ -59,7 +59,8 @@ def test_a_dropped_view_is_told_and_no_reason_for_doubt() -> None:
 
 
 def test_photos_of_other_exposures_are_told_without_forbidding_a_verdict() -> None:
-    assert of_exposure(1.3) == []
-    (one,) = of_exposure(2.04)
+    third, stop = 2 ** (1 / 3 / 2.2), 2 ** (1 / 2.2)  # as factors of sRGB values
+    assert of_exposure(third) == []
+    (one,) = of_exposure(stop)
     assert (one.about, one.serious) == ("exposure", False)
-    assert "factor of up to 2.0: compare colour-corrected scores" in one.text
+    assert "exposure by up to 1.0 stops: compare colour-corrected scores" in one.text

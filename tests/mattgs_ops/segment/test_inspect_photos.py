@@ -8,7 +8,7 @@ import pytest
 
 from mattgs_ops.capture.camera import Camera, Intrinsics
 from mattgs_ops.capture.scene import PreparedCapture, View
-from mattgs_ops.segment.inspect_photos import STANDS_STILL, inspect, pairs
+from mattgs_ops.segment.inspect_photos import STANDS_STILL, exposures, inspect, linear_light, pairs
 
 WIDTH, HEIGHT = 240, 180
 
@@ -55,10 +55,43 @@ def test_what_is_wrong_is_told_by_name(tmp_path: Path) -> None:
     told = "\n".join(inspect(source).problems)
     assert "blurred (next to the others): 1.jpg" in told
     assert "1 too dark: 2.jpg" in told
-    assert "exposure differs between photos" in told
     assert "not matched with any other photo" in told
     assert "4.jpg" in told.split("not matched")[1]
     assert "of 6 photos hang together" in told
+
+
+def stops_darker(pixels: np.ndarray, stops: float) -> np.ndarray:
+    """Expose a photo less: a stop is half of the light, and light is a power of sRGB values."""
+    return np.rint(pixels * 2 ** (-stops / 2.2)).astype(np.uint8)
+
+
+def test_exposures_a_stop_apart_are_told_in_stops(tmp_path: Path) -> None:
+    source = capture(tmp_path)
+    for view in source.views[::2]:
+        change(view, stops_darker(photo(view), 1))
+    (told,) = [one for one in inspect(source).problems if "exposure" in one]
+    assert float(told.split(": ")[1].split()[0]) == pytest.approx(0.5, abs=0.05)
+
+
+def test_photos_that_show_darker_things_are_not_exposed_otherwise(tmp_path: Path) -> None:
+    source = capture(tmp_path)
+    for index, view in enumerate(source.views):
+        pixels = photo(view)
+        pixels[100:] = 10 + 30 * index  # most of a frame, and nothing to match
+        change(view, pixels)
+    assert not any("exposure" in one for one in inspect(source).problems)
+
+
+def test_exposures_follow_from_differences_between_pairs() -> None:
+    true = np.array([0.0, 1.0, -1.0, 0.5, -0.5])
+    stops = {pair: float(true[pair[1]] - true[pair[0]]) for pair in pairs(5)}
+    np.testing.assert_allclose(exposures(stops, 5), true, atol=1e-12)
+    np.testing.assert_allclose(exposures({}, 3), 0)  # photos of which nothing is known
+
+
+def test_a_stop_is_half_of_the_light() -> None:
+    grey = np.array([0, 10, 118, 255], dtype=np.uint8)
+    np.testing.assert_allclose(linear_light(grey), [0, 0.00304, 0.18116, 1], rtol=2e-3)
 
 
 def test_photos_that_come_with_cameras_need_no_matches(tmp_path: Path) -> None:

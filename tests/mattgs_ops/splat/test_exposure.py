@@ -1,5 +1,6 @@
 """Exposures of photos: gradients against autograd, and what they are for."""
 
+import csv
 import json
 from pathlib import Path
 from typing import Any
@@ -159,3 +160,18 @@ def test_photos_of_two_exposures_are_told_apart(tiny_scene: Scene, tmp_path: Pat
     assert max(dark) < min(bright)
     assert found["spread"] > 1.5  # it was 2; a few hundred steps find most of it
     assert residual(tiny_scene, tmp_path / "affine") < residual(tiny_scene, tmp_path / "off")
+
+
+def test_a_training_tells_of_its_photos_as_it_saw_them(tiny_scene: Scene, tmp_path: Path) -> None:
+    """The curve's fixed view and the loss terms are with the photos' exposures, as steps were."""
+    darken(tiny_scene)
+    method, config = METHODS["3dgs"], TrainConfig(exposure="affine")
+    options: dict[str, Any] = {"iterations": 300, "resolution": 48, "seed": 0}
+    condition = Condition.parse("original-3dgs")
+    report = train(tiny_scene, condition, method, config, out=tmp_path, **options)
+    with (tmp_path / "curve.csv").open(encoding="utf-8") as file:
+        rows = [{name: float(cell) for name, cell in row.items()} for row in csv.DictReader(file)]
+    late = rows[-len(rows) // 3 :]
+    seen = {name: float(np.mean([row[name] for row in late])) for name in ("loss", "psnr")}
+    assert report.loss_terms["optimised_loss"] < seen["loss"]  # later than these steps
+    assert rows[-1]["fixed_psnr"] > seen["psnr"] - 2  # one view against the mean of views

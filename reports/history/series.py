@@ -21,7 +21,7 @@ from typing import Any
 from reports.gate.findings import Verdict
 from reports.gate.tolerances import TOLERANCES, Tolerance
 from reports.history.steps import Step, find_steps
-from reports.rows.columns import IN_MASK, PAPER, Column
+from reports.rows.columns import COLOUR_CORRECTED, IN_MASK, PAPER, Column
 from reports.rows.schema import CellKey, key_of, order
 
 Run = Mapping[str, Any]
@@ -33,6 +33,7 @@ DIGITS = "digits"  # the kind of a column without a unit
 METRICS: tuple[Column, ...] = (
     *PAPER,
     *IN_MASK,
+    COLOUR_CORRECTED,
     Column("paper_l1", "L1 weighted by attention", -1, "l1"),
     Column("fps_calibrated", "FPS, calibrated", +1, DIGITS),
     Column("time_calibrated", "Time, calibrated", -1, DIGITS),

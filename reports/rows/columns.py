@@ -1,22 +1,28 @@
 """Columns: how each number is called, rounded and judged. Text in, text out; no data.
 
 ``kind`` decides the rounding; ``direction`` is +1 where more is better, −1 where less is, 0 where
-neither is.
+neither is. What metrics are called, and which way they are judged, says the table of metrics.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+from mattgs_ops.score.metric_table import METRICS
 
 MINUTE, HOUR = 60, 3600
 
 
 @dataclass(frozen=True)
 class Column:
-    """One column: ``key`` is the metric's id in a row."""
+    """One column: ``key`` is the metric's id in a row.
+
+    ``across``: whether its values compare across backgrounds, too (docs/protocol.md).
+    """
 
     key: str
     label: str
     direction: int
     kind: str
+    across: bool = False
 
     @property
     def arrow(self) -> str:
@@ -32,49 +38,60 @@ class Column:
 # decimals by kind; `time` and `text` are their own
 DECIMALS = {"ssim": 3, "db": 2, "l1": 4, "rate": 1, "mb": 2, "count": 0, "share": 3, "ratio": 2}
 
+
+def _column(key: str, kind: str, *, across: bool = False) -> Column:
+    metric = METRICS[key]
+    return Column(key, metric.label, metric.direction, kind, across)
+
+
 PAPER = (
-    Column("ssim", "SSIM", +1, "ssim"),
-    Column("psnr", "PSNR", +1, "db"),
-    Column("l1", "L1", -1, "l1"),
-    Column("loss", "Loss", -1, "l1"),
-    Column("fps", "FPS", +1, "rate"),
-    Column("time", "Time", -1, "time"),
-    Column("size_mb", "Size(MB)", -1, "mb"),
+    _column("ssim", "ssim"),
+    _column("psnr", "db"),
+    _column("l1", "l1"),
+    _column("loss", "l1"),
+    _column("fps", "rate", across=True),
+    _column("time", "time", across=True),
+    _column("size_mb", "mb", across=True),
 )
+CPU_TIME = _column("time_cpu", "time", across=True)
 IN_MASK = (
-    Column("mask_psnr", "PSNR in mask", +1, "db"),
-    Column("mask_cc_psnr", "PSNR in mask, colour-corrected", +1, "db"),
-    Column("cc_psnr", "PSNR, colour-corrected", +1, "db"),
-    Column("mask_ssim", "SSIM in mask", +1, "ssim"),
-    Column("mask_l1", "L1 in mask", -1, "l1"),
-    Column("detail_psnr", "PSNR small parts", +1, "db"),
-    Column("detail_ssim", "SSIM small parts", +1, "ssim"),
-    Column("splats", "Splats", 0, "count"),
+    _column("mask_psnr", "db", across=True),
+    _column("mask_cc_psnr", "db", across=True),
+    _column("mask_ssim", "ssim"),
+    _column("mask_l1", "l1", across=True),
+    _column("detail_psnr", "db", across=True),
+    _column("detail_ssim", "ssim"),
+    _column("splats", "count"),
 )
 # One name for each part of the object: `mask_` whole, `core_` free of silhouettes, `rim_` the rest
 CORE_AND_RIM = (
-    Column("core_psnr", "PSNR in core", +1, "db"),
-    Column("rim_psnr", "PSNR on rim", +1, "db"),
-    Column("core_ssim", "SSIM in core", +1, "ssim"),
-    Column("rim_ssim", "SSIM on rim", +1, "ssim"),
-    Column("core_l1", "L1 in core", -1, "l1"),
-    Column("rim_l1", "L1 on rim", -1, "l1"),
+    _column("core_psnr", "db", across=True),
+    _column("rim_psnr", "db", across=True),
+    _column("core_ssim", "ssim", across=True),
+    _column("rim_ssim", "ssim"),
+    _column("core_l1", "l1", across=True),
+    _column("rim_l1", "l1", across=True),
 )
+COLOUR_CORRECTED = _column("cc_psnr", "db")
 PERCEPTUAL = (
-    Column("flip", "FLIP", -1, "l1"),
-    Column("mask_flip", "FLIP in mask", -1, "l1"),
-    Column("core_flip", "FLIP in core", -1, "l1"),
-    Column("rim_flip", "FLIP on rim", -1, "l1"),
-    Column("detail_flip", "FLIP small parts", -1, "l1"),
-    Column("lpips", "LPIPS", -1, "l1"),
+    _column("flip", "l1"),
+    _column("mask_flip", "l1"),
+    _column("core_flip", "l1"),
+    _column("rim_flip", "l1"),
+    _column("detail_flip", "l1"),
+    _column("lpips", "l1"),
+    COLOUR_CORRECTED,
 )
-TRAINING = (
-    Column("train_ssim", "SSIM", +1, "ssim"),
-    Column("train_psnr", "PSNR", +1, "db"),
-    Column("train_l1", "L1", -1, "l1"),
-    Column("train_loss", "Loss", -1, "l1"),
-    Column("train_paper_l1", "L1 (eq. 15)", -1, "l1"),
-    Column("train_paper_loss", "Loss (eq. 15)", -1, "l1"),
+TRAINING = tuple(
+    replace(_column(key, kind), key=f"train_{key}")  # under the names that held-out views have
+    for key, kind in (
+        ("ssim", "ssim"),
+        ("psnr", "db"),
+        ("l1", "l1"),
+        ("loss", "l1"),
+        ("paper_l1", "l1"),
+        ("paper_loss", "l1"),
+    )
 )
 
 
@@ -85,6 +102,18 @@ def text(kind: str, value: float) -> str:
     if kind == "count":
         return f"{round(value):,}"
     return f"{value:.{DECIMALS[kind]}f}"
+
+
+def signed(value: float, decimals: int = 2) -> str:
+    """Round with a sign, a true minus among them; what rounds to zero has none."""
+    text = f"{value:+.{decimals}f}"
+    return text.replace("-", "−") if float(text) else text[1:]
+
+
+def signed_text(kind: str, value: float) -> str:
+    """Round as a column does, with a sign as :func:`signed` gives one."""
+    shown = text(kind, abs(value))
+    return shown if shown == text(kind, 0.0) else ("−" if value < 0 else "+") + shown
 
 
 def duration(seconds: float) -> str:

@@ -18,14 +18,6 @@ def by_capture(selected: Sequence[Cell]) -> list[tuple[str, list[Cell]]]:
     return list(grouped.items())
 
 
-def by_background(selected: Sequence[Cell]) -> list[tuple[str, list[Cell]]]:
-    """Group cells whose full frames compare: one capture, one background."""
-    grouped: dict[tuple[str, str], list[Cell]] = {}
-    for cell in selected:
-        grouped.setdefault((cell.key.capture, cell.key.background), []).append(cell)
-    return [(capture_name(capture), members) for (capture, _), members in grouped.items()]
-
-
 def condition_of(cell: Cell) -> str:
     """Return a cell's condition as printed."""
     return limited(condition_name(cell.key.background, cell.key.method), cell.key.budget)

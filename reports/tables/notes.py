@@ -2,6 +2,8 @@
 
 from collections.abc import Iterable, Sequence
 
+from reports.rows import columns
+from reports.rows.columns import Column
 from reports.rows.comparable import protocol_of
 from reports.rows.groups import condition_of, finished_of
 from reports.rows.schema import (
@@ -23,6 +25,19 @@ MASK_NOTE = (
     "Scores in mask are means over the object's pixels. PSNR and L1 compare across backgrounds as "
     "well as methods; SSIM's windows see 5 pixels beyond the object, so that across backgrounds "
     "only SSIM in the core compares."
+)
+FLIP_NOTE = (
+    "FLIP (Andersson et al. 2020) at 67 pixels per degree, 0 to 1, the mean over its map. Its "
+    "filters reach some ten pixels and see what stands beside the object: across backgrounds it "
+    "does not compare."
+)
+COLOUR_NOTE = (
+    "PSNR colour-corrected is over the full frame, after the affine change of colour that fits the "
+    "photo best."
+)
+NO_LPIPS = (
+    "LPIPS is absent: the benchmark's file names no weights for it (`lpips`), and none come with "
+    "this project."
 )
 HAZY = 0.1  # cover from which on a view is hazy: it takes 3 dB from 30 (docs/protocol.md)
 MOST_HAZY = 12  # views named in one note
@@ -113,6 +128,26 @@ def mask_notes(rows: Sequence[Row]) -> list[str]:
         if names:
             notes.append(f"{', '.join(map(capture_name, names))}: {text}.")
     return notes
+
+
+def perceptual_notes(rows: Sequence[Row]) -> list[str]:
+    """Say what the scores of how different renderings look are, and why one is absent."""
+    notes = [FLIP_NOTE]
+    if not any("lpips" in row["metrics"] for row in rows):
+        notes.append(NO_LPIPS)
+    if any(columns.COLOUR_CORRECTED.key in row["metrics"] for row in rows):
+        notes.append(COLOUR_NOTE)
+    return notes
+
+
+def best_notes(selected: Sequence[Cell], printed: Sequence[Column]) -> list[str]:
+    """Say among which lines the best are sought, where a group has both backgrounds."""
+    if len({cell.key.background for cell in selected}) < 2:
+        return []
+    both = [column.label for column in printed if column.across and column.direction]
+    if not both:
+        return ["Bold is the best of each background."]
+    return [f"Bold is the best of both backgrounds in {', '.join(both)}, else of each background."]
 
 
 def haze_notes(rows: Sequence[Row]) -> list[str]:

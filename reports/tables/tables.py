@@ -2,8 +2,9 @@
 
 Every number is the mean over a cell's finished seeds; the spread is the sample standard deviation
 (n − 1) and appears from two seeds on. The best of a column within a row group is judged on the
-rounded mean, so that what looks equal is equal; a group of one has no best. Cells that failed stay
-in the table as holes with a note.
+rounded mean, so that what looks equal is equal; a group of one has no best. Where a group has both
+backgrounds, each has its own best in columns that do not compare across them. Cells that failed
+stay in the table as holes with a note.
 """
 
 import math
@@ -15,7 +16,7 @@ from typing import Any
 from mattgs_ops.naming import slug
 from reports.rows import clock, columns
 from reports.rows.columns import Column
-from reports.rows.groups import by_background, by_capture, condition_of, finished_of, method_of
+from reports.rows.groups import by_capture, condition_of, finished_of, method_of
 from reports.rows.schema import (
     Cell,
     CellKey,
@@ -29,9 +30,11 @@ from reports.rows.schema import (
 from reports.tables import formats, paper
 from reports.tables.formats import Entry, Group, Line, Table
 from reports.tables.notes import (
+    best_notes,
     length_notes,
     mask_notes,
     paper_notes,
+    perceptual_notes,
     protocol_notes,
     where_timed,
 )
@@ -41,10 +44,6 @@ HOLE = Entry("–")
 SPEEDS = ("time", "rate")  # kinds of columns that depend on the machine
 PROMOTED = " ★"  # on lines that hold a promoted run
 CAPPED = " ‡"  # on lines that hold a run in which the cap of splats bound
-NO_LPIPS = (
-    "LPIPS is absent: the benchmark's file names no weights for it (`lpips`), and none come with "
-    "this project."
-)
 MARK_NOTES = {
     PROMOTED: "★ promoted: the baseline of its cell.",
     CAPPED: "‡ the cap of splats (`train.max_splats`) bound: densification wanted more.",
@@ -122,13 +121,12 @@ def _difference_line(key: CellKey, ours: Line, theirs: Mapping[str, float]) -> L
             entries.append(HOLE)
             continue
         difference = entry.value - theirs[column.key]
-        sign = "−" if difference < 0 else "+"
-        entries.append(Entry(sign + columns.text(column.kind, abs(difference)), value=difference))
+        entries.append(Entry(columns.signed_text(column.kind, difference), value=difference))
     return Line(f"{method_name(key.method)} − paper", tuple(entries), quoted=True)
 
 
 def mask_table(rows: Sequence[Row]) -> Table | None:
-    """In-mask scores, which compare across backgrounds."""
+    """In-mask scores; most of them compare across backgrounds."""
     title = "Inside the object's mask, held-out views"
     notes = mask_notes(finished_of(cells(rows)))
     return _conditions_table(rows, "table-in-mask", title, columns.IN_MASK, notes)
@@ -146,9 +144,7 @@ def parts_table(rows: Sequence[Row]) -> Table | None:
 
 def perceptual_table(rows: Sequence[Row]) -> Table | None:
     """Scores of how different renderings look; None for rows that have none."""
-    notes = ["FLIP (Andersson et al. 2020) at 67 pixels per degree, 0 to 1, the mean over its map."]
-    if not any("lpips" in row["metrics"] for cell in cells(rows) for row in cell.finished):
-        notes.append(NO_LPIPS)
+    notes = perceptual_notes(finished_of(cells(rows)))
     title = "How different it looks, held-out views"
     return _conditions_table(rows, "table-perceptual", title, columns.PERCEPTUAL, notes)
 
@@ -160,9 +156,7 @@ def training_table(rows: Sequence[Row]) -> Table | None:
         "well a scene was memorised. L1 and Loss of eq. 15 weight each pixel by its attention, "
         "here for every method alike; they are on another scale than the plain ones."
     )
-    return _conditions_table(
-        rows, "table-training", "Training views", columns.TRAINING, [note], by_background
-    )
+    return _conditions_table(rows, "table-training", "Training views", columns.TRAINING, [note])
 
 
 def _conditions_table(
@@ -171,7 +165,6 @@ def _conditions_table(
     title: str,
     wanted: Sequence[Column],
     notes: Sequence[str],
-    grouped: Callable[[Sequence[Cell]], list[tuple[str, list[Cell]]]] | None = None,
 ) -> Table | None:
     """One line per condition, grouped by capture; only the columns that some row has."""
     selected = cells(rows)
@@ -182,9 +175,10 @@ def _conditions_table(
     holes: list[str] = []
     groups = [
         Group(label, tuple(lines_of(members, printed, holes, condition_of)))
-        for label, members in (grouped or by_capture)(selected)
+        for label, members in by_capture(selected)
     ]
-    return make_table(name, title, printed, groups, [*holes, *notes], "Condition")
+    sentences = [*holes, *notes, *best_notes(selected, printed)]
+    return make_table(name, title, printed, groups, sentences, "Condition")
 
 
 def _metric(row: Row, key: str) -> Any:
@@ -207,7 +201,7 @@ def lines_of(
     best = [
         set()
         if (mixed and not machine and column.kind in SPEEDS) or (column.key == clock.WALL and late)
-        else _best([entries[i] for entries in raw], column)
+        else _best(members, [entries[i] for entries in raw], column)
         for i, column in enumerate(printed)
     ]
     lines = []
@@ -244,14 +238,22 @@ def _add_once(notes: list[str], note: str) -> None:
         notes.append(note)
 
 
-def _best(entries: Sequence[Entry], column: Column) -> set[int]:
-    """Places of the best entries of one column; equal texts share the honour."""
-    scored = [(i, e) for i, e in enumerate(entries) if e.value is not None]
-    if column.direction == 0 or len(scored) < 2:
-        return set()
-    top = max(scored, key=lambda item: column.direction * (item[1].value or 0.0))[1]
-    winners = {i for i, e in scored if e.text == top.text}
-    return winners if len(winners) < len(scored) else set()
+def _best(members: Sequence[Cell], entries: Sequence[Entry], column: Column) -> set[int]:
+    """Places of the best entries of one column, of each background where those do not compare.
+
+    Equal texts share the honour.
+    """
+    comparing: dict[str, list[tuple[int, Entry]]] = {}
+    for place, (cell, entry) in enumerate(zip(members, entries, strict=True)):
+        if entry.value is not None:
+            among = "both" if column.across else cell.key.background
+            comparing.setdefault(among, []).append((place, entry))
+    best: set[int] = set()
+    for scored in comparing.values() if column.direction else ():
+        top = max(scored, key=lambda item: column.direction * (item[1].value or 0.0))[1]
+        winners = {place for place, entry in scored if entry.text == top.text}
+        best |= winners if len(winners) < len(scored) else set()
+    return best
 
 
 def _hole_mark(cell: Cell, holes: list[str]) -> str:

@@ -270,10 +270,13 @@ def test_durations_read_as_the_paper_prints_them(seconds: float, text: str) -> N
 
 
 def test_columns_agree_with_the_table_of_metrics() -> None:
-    for column in (*columns.PAPER, *columns.IN_MASK, *columns.TRAINING):
-        if column.key in METRICS:  # detail scores are an extra
-            assert column.direction == METRICS[column.key].direction, column.key
-    assert {column.key for column in columns.PAPER} <= METRICS.keys()
+    for column in (*columns.PAPER, *columns.IN_MASK, *columns.CORE_AND_RIM, *columns.PERCEPTUAL):
+        metric = METRICS[column.key]
+        assert (column.label, column.direction) == (metric.label, metric.direction)
+        if column.kind != "time":
+            assert columns.DECIMALS[column.kind] == metric.decimals, column.key
+    for column in columns.TRAINING:
+        assert METRICS[column.key].label == f"Training {column.label}"
 
 
 def test_roman_numerals_go_on_after_the_papers_three() -> None:

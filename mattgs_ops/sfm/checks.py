@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mattgs_ops.capture.scene import PreparedCapture, View
+from mattgs_ops.config import SfmConfig
 from mattgs_ops.errors import InputError
 from mattgs_ops.parallel import over_views
 
@@ -49,6 +50,24 @@ def check(capture: PreparedCapture, masks: Path, *, threads: int = 1) -> list[st
             f"{masks}: all {len(empty)} masks are black; expected 255 on the object's pixels"
         )
     return empty
+
+
+def keeps_poses(capture: PreparedCapture, config: SfmConfig) -> bool:
+    """Say whether cameras that came with the capture are taken as they are."""
+    return capture.cameras_are == "given" and config.poses == "auto"
+
+
+def check_given_cameras(capture: PreparedCapture, least: float) -> None:
+    """Raise :class:`InputError` where fewer than ``least``, a share, of the views have a camera."""
+    without = [view.name for view in capture.views if view.camera is None]
+    posed = len(capture.views) - len(without)
+    if posed < least * len(capture.views):
+        named = ", ".join(without[:MOST_NAMED]) + (", …" if len(without) > MOST_NAMED else "")
+        raise InputError(
+            f"capture {capture.name}: expected cameras of at least {least:.0%} of the photos "
+            f"(sfm.min_registered), found {posed} of {len(capture.views)}; without one: {named}. "
+            'Remove those photos, or set sfm.poses = "estimate" to find all cameras anew'
+        )
 
 
 def mask_path(masks: Path, view: View) -> Path:

@@ -11,6 +11,7 @@ from mattgs_ops.capture.formats.colmap_cameras import ColmapCamera
 from mattgs_ops.capture.scene import GivenPoints, PreparedCapture
 from mattgs_ops.capture.sparse import NO_ERROR, SparseImage, SparseModel
 from mattgs_ops.config import SfmConfig
+from mattgs_ops.sfm.checks import keeps_poses
 
 # A training starts from no fewer; a cloud that is smaller was hardly meant to start from.
 FEWEST_POINTS = 100
@@ -23,7 +24,7 @@ def given_model(capture: PreparedCapture, config: SfmConfig) -> SparseModel | No
     configuration asks for poses or points of our own. Images are called like the views' files; a
     point's key point is its projection. Points of a file without tracks have none.
     """
-    kept = capture.cameras_are == "given" and config.poses == "auto" and config.points == "auto"
+    kept = keeps_poses(capture, config) and config.points == "auto"
     points = capture.points if kept else None
     if points is None or len(points.xyz) < FEWEST_POINTS:
         return None

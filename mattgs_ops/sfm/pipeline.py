@@ -29,7 +29,7 @@ from mattgs_ops.config import SfmConfig
 from mattgs_ops.errors import InputError, StageError
 from mattgs_ops.progress import Progress, no_progress
 from mattgs_ops.sfm import alignment, assemble, figure, given_points, lost_views
-from mattgs_ops.sfm.checks import check, mask_path
+from mattgs_ops.sfm.checks import check, check_given_cameras, keeps_poses, mask_path
 from mattgs_ops.sfm.colmap.job import KEYPOINTS_FILE, MODEL_FOLDER, Answer, Job, JobView
 from mattgs_ops.sfm.colmap.process import run_worker
 from mattgs_ops.sfm.world_units import check_units
@@ -61,17 +61,19 @@ def reconstruct(
 
     Raises :class:`InputError` for photos or masks that cannot be used, before any work, and
     :class:`StageError` when nothing, or fewer than ``config.min_registered`` of the views, could
-    be registered, or when COLMAP crashed. Given poses in units, or about an origin, in which no
-    splats can be trained are an :class:`InputError` that says what to do (``world_units``).
+    be registered, or when COLMAP crashed. Given poses of fewer views than that, in units, or about
+    an origin, in which no splats can be trained are an :class:`InputError` that says what to do
+    (``world_units``).
     """
     empty = check(capture, masks, threads=threads)
+    if keeps_poses(capture, config):
+        check_given_cameras(capture, config.min_registered)
     known = given_points.given_model(capture, config)
     if known is None:
         views, model, answer = _solve(capture, masks, config, out, soft, threads, progress)
         source = "triangulated"
     else:
         source, answer = "given", _given_answer(capture, known)
-        _require(capture, answer, config, held_out_later=False)
         views, model, _ = assemble.write_views(capture, masks, known, out, soft, threads=threads)
         given_points.write_no_keypoints(capture, out / KEYPOINTS_FILE)
     points = assemble.vote(views, model, threads=threads)
@@ -121,7 +123,8 @@ def _solve(
     job = _job(capture, masks, config, workspace, threads)
     try:
         answer = run_worker(job, out / LOG_FILE, progress)
-        _require(capture, answer, config, held_out_later=job.poses_known)
+        if not job.poses_known:
+            _require_registered(capture, answer, config.min_registered)
         found = colmap_model.read_model(workspace / MODEL_FOLDER)
         if job.poses_known:
             found = given_points.with_held_out(found, capture)
@@ -145,8 +148,7 @@ def _given_answer(capture: PreparedCapture, model: SparseModel) -> Answer:
 def _job(
     capture: PreparedCapture, masks: Path, config: SfmConfig, workspace: Path, threads: int
 ) -> Job:
-    given = capture.cameras_are == "given"
-    keep_poses = given and config.poses == "auto"
+    given, keep_poses = capture.cameras_are == "given", keeps_poses(capture, config)
     rows = []
     for view in capture.views:
         if keep_poses and (view.camera is None or view.split == "test"):
@@ -165,23 +167,15 @@ def _job(
     return Job(str(workspace.resolve()), tuple(rows), config.model_dump(mode="json"), threads)
 
 
-def _require(
-    capture: PreparedCapture, answer: Answer, config: SfmConfig, *, held_out_later: bool
-) -> None:
-    """Refuse a model of too few views, naming those that are missing and why.
-
-    ``held_out_later``: held-out views get their given poses afterwards, so that they do not count;
-    a capture may hold out more views than it trains on, as the NeRF scenes do.
-    """
-    sought = [v for v in capture.views if not (held_out_later and v.split == "test")]
-    share = len(answer.registered) / max(len(sought), 1)
-    if share >= config.min_registered:
-        return
-    raise StageError(
-        f"structure-from-motion placed {len(answer.registered)} of {len(sought)} views "
-        f"({share:.0%}), expected at least {config.min_registered:.0%}\n"
-        + "\n".join(lost_views.warnings(capture, answer))
-    )
+def _require_registered(capture: PreparedCapture, answer: Answer, least: float) -> None:
+    """Refuse a model of fewer than a share of the views, naming those that are missing and why."""
+    share = len(answer.registered) / len(capture.views)
+    if share < least:
+        raise StageError(
+            f"structure-from-motion placed {len(answer.registered)} of {len(capture.views)} views "
+            f"({share:.0%}), expected at least {least:.0%}\n"
+            + "\n".join(lost_views.warnings(capture, answer))
+        )
 
 
 def _report(

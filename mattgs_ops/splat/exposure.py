@@ -134,7 +134,7 @@ class Exposures:
 def as_photographed(
     exposures: Exposures | None, view: int, rendering: Rendering, background: Colour
 ) -> Tensor:
-    """Return what a view's photo is compared with [H, W, 3]: its exposure applied, if it has one."""
+    """Return the image that a view's photo is compared with [H, W, 3], in its exposure if any."""
     return rendering.image if exposures is None else exposures.apply(view, rendering, background)
 
 

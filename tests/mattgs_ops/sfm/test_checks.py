@@ -12,7 +12,7 @@ from mattgs_ops import sfm
 from mattgs_ops.capture.scene import PreparedCapture
 from mattgs_ops.config import SfmConfig
 from mattgs_ops.errors import InputError
-from mattgs_ops.sfm.checks import check
+from mattgs_ops.sfm.checks import check, check_given_cameras
 
 Copy = Callable[..., PreparedCapture]
 
@@ -34,6 +34,19 @@ def test_a_missing_mask_is_named(copied: Copy) -> None:
     (masks_of(capture) / "0002.jpg.png").unlink()
     with pytest.raises(InputError, match=r"0002\.jpg\.png: expected the mask of 0002\.jpg"):
         check(capture, masks_of(capture))
+
+
+def test_cameras_of_too_few_photos_are_refused_before_any_work(
+    copied: Copy, tmp_path: Path
+) -> None:
+    capture = copied()
+    posed = [replace(view, camera=None) for view in capture.views[4:]]
+    few = replace(capture, cameras_are="given", views=(*capture.views[:4], *posed))
+    with pytest.raises(InputError, match="expected cameras of at least 50%") as error:
+        sfm.reconstruct(few, masks_of(few), SfmConfig(), tmp_path / "scene")
+    assert f"found 4 of {len(few.views)}; without one: {few.views[4].name}, " in str(error.value)
+    assert not (tmp_path / "scene").exists()
+    check_given_cameras(few, 4 / len(few.views))
 
 
 def damage_half_size(path: Path) -> None:

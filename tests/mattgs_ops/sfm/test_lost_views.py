@@ -15,7 +15,7 @@ from mattgs_ops.errors import StageError
 from mattgs_ops.sfm.colmap.job import Answer
 from mattgs_ops.sfm.colmap.matching import partners
 from mattgs_ops.sfm.lost_views import in_doubt, lost_views, second_groups, warnings
-from mattgs_ops.sfm.pipeline import _require
+from mattgs_ops.sfm.pipeline import _require_registered
 from tests.mattgs_ops.conftest import HEIGHT, WIDTH, cast, orbit, print_texture
 
 NAMES = [f"{letter}.jpg" for letter in "abcdefgh"]
@@ -81,11 +81,9 @@ def test_nothing_is_said_where_all_views_were_placed() -> None:
 
 
 def test_too_few_views_fail_with_the_reasons() -> None:
-    _require(capture_of(NAMES), answer_of(), SfmConfig(min_registered=0.5), held_out_later=False)
+    _require_registered(capture_of(NAMES), answer_of(), 0.5)
     with pytest.raises(StageError, match="2 views form a second group") as error:
-        _require(
-            capture_of(NAMES), answer_of(), SfmConfig(min_registered=0.6), held_out_later=False
-        )
+        _require_registered(capture_of(NAMES), answer_of(), 0.6)
     assert str(error.value).startswith("structure-from-motion placed 4 of 8 views (50%)")
     assert "e.jpg shows only 41 key points" in str(error.value)
 

@@ -14,6 +14,7 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 from reports.figures.plots import DASHES, Saved, colours, legend, save, sheets
 from reports.rows import budgets, clock
 from reports.rows.budgets import Point
+from reports.rows.columns import signed
 from reports.rows.doubts import in_doubt
 from reports.rows.schema import (
     Row,
@@ -162,7 +163,7 @@ def _claims(rows: Sequence[Row], metric: str) -> str:
             gaps = [g for (_, b, n), g in found.items() if (b, n) == (background, method)]
             gain = budgets.mean_quality(gaps)
             if gain is not None:
-                number = f"{gain.mean:+.2f}".replace("-", "−")
+                number = signed(gain.mean)
                 some = f" ({gain.samples} of {len(gaps)})" if gain.samples < len(gaps) else ""
                 texts.append(f"{method_name(method)} {number} dB{some}")
         if texts:

@@ -10,12 +10,24 @@ import numpy as np
 from mattgs_ops.errors import InputError
 from reports.figures.pictures import Gallery, gallery
 from reports.page import page
-from reports.rows import comparable
-from reports.rows.columns import IN_MASK, PAPER, Column, text
+from reports.rows import clock, comparable
+from reports.rows.columns import (
+    COLOUR_CORRECTED,
+    CPU_TIME,
+    IN_MASK,
+    PAPER,
+    Column,
+    signed,
+    signed_text,
+    text,
+)
+from reports.rows.doubts import in_doubt, warnings
 from reports.rows.schema import Row, capture_name, cells, condition_name, held_out_views
 from reports.rows.statistics import Interval, sample
 from reports.tables.formats import Entry, Group, Line, Table
-from reports.tables.verdict import Verdict
+from reports.tables.origins import machine_of
+from reports.tables.tables import SPEEDS
+from reports.tables.verdict import Verdict, withheld
 
 SHORT = 8  # letters of a run's id
 IDENTITY = ("benchmark", "background", "method", "seed", "iterations", "resolution")
@@ -69,6 +81,7 @@ def compare(first: Side, second: Side, folder: Path) -> tuple[list[Table], str, 
         root=Path("/"),
         problems=[],
         notes=notes(first, second),
+        warnings=warnings([first.row, second.row]),
     )
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "compare.html"
@@ -77,9 +90,14 @@ def compare(first: Side, second: Side, folder: Path) -> tuple[list[Table], str, 
 
 
 def scores(first: Side, second: Side) -> Table:
-    """Return the table of scores: A, B and B − A; the better one of each line is marked."""
+    """Return the table of scores: A, B and B − A.
+
+    The better one of each line is marked where the two compare: scores of one background, or those
+    that compare across backgrounds; times and speeds of one machine, where none had to wait.
+    """
+    frame = (*PAPER, COLOUR_CORRECTED, CPU_TIME)
     groups = [
-        Group("Full frame, cost", _lines(first, second, PAPER)),
+        Group("Full frame, cost", _lines(first, second, frame)),
         Group("In the mask", _lines(first, second, IN_MASK)),
     ]
     return Table(
@@ -88,7 +106,12 @@ def scores(first: Side, second: Side) -> Table:
         ("A", "B", "B − A"),
         ("a", "b", "difference"),
         tuple(group for group in groups if group.lines),
-        (f"A: {first.name}.", f"B: {second.name}.", *notes(first, second)),
+        (
+            f"A: {first.name}.",
+            f"B: {second.name}.",
+            *warnings([first.row, second.row]),
+            *notes(first, second),
+        ),
         first="Score",
         with_runs=False,
     )
@@ -121,7 +144,12 @@ def differing(first: Side, second: Side) -> list[Table]:
 
 
 def judged(first: Side, second: Side) -> str:
-    """Return the sentence on PSNR inside the mask, over the held-out views that both have."""
+    """Return the sentence on PSNR inside the mask, over the held-out views that both have.
+
+    None is given of a capture in doubt.
+    """
+    for capture, subjects in in_doubt([first.row, second.row]).items():
+        return withheld(capture, subjects)
     theirs = {view["view"]: view.get(DECIDES) for view in held_out_views(first.row)}
     ours = {view["view"]: view.get(DECIDES) for view in held_out_views(second.row)}
     shared = sorted(name for name in ours.keys() & theirs.keys() if _both(ours, theirs, name))
@@ -131,27 +159,33 @@ def judged(first: Side, second: Side) -> str:
     better = sum(gain > 0 for gain in gains)
     interval = sample(gains)
     return (
-        f"B is {interval.mean:+.2f} dB from A in PSNR inside the mask, better on {better} of "
+        f"B is {signed(interval.mean)} dB from A in PSNR inside the mask, better on {better} of "
         f"{len(gains)} held-out views{_certainty(interval)}."
     )
 
 
 def notes(first: Side, second: Side) -> list[str]:
-    """Return why the scores of the two do not compare, as far as the rows tell."""
+    """Return why scores or times of the two do not compare, as far as the rows tell."""
     both = second.row, first.row
     found = [f"candidate: {text}" for text in comparable.leaks(second.row)]
     found += [f"baseline: {text}" for text in comparable.leaks(first.row)]
     found += comparable.other_protocol(*both) + comparable.other_inputs(*both)
     found += comparable.other_views(*both) + comparable.other_truth(*both)
     if first.row["background"] != second.row["background"]:
-        found.insert(0, "Without background, white pixels come for free: compare in the mask only.")
-    return [text.replace("baseline", "A").replace("candidate", "B") for text in found]
+        found.insert(
+            0,
+            "Without background, white pixels come for free: compare PSNR and L1 in the mask only.",
+        )
+    named = [text.replace("baseline", "A").replace("candidate", "B") for text in found]
+    if machine_of(first.row) != machine_of(second.row):
+        named.append("Times and FPS are of different machines and do not compare.")
+    return named + clock.clock_notes([first.row, second.row])
 
 
 def _certainty(interval: Interval) -> str:
     if not np.isfinite(interval.low):
         return ""
-    return f" (95 % interval {interval.low:+.2f} to {interval.high:+.2f} dB)"
+    return f" (95 % interval {signed(interval.low)} to {signed(interval.high)} dB)"
 
 
 def _both(ours: Mapping[str, Any], theirs: Mapping[str, Any], name: str) -> bool:
@@ -166,23 +200,29 @@ def _lines(first: Side, second: Side, columns: tuple[Column, ...]) -> tuple[Line
             continue
         a, b = map(float, pair)
         shown = [text(column.kind, value) for value in (a, b)]
-        better = column.direction * (b - a) if shown[0] != shown[1] else 0.0
+        differ = shown[0] != shown[1] and _compares(first.row, second.row, column)
+        better = column.direction * (b - a) if differ else 0.0
         lines.append(
             Line(
                 column.heading,
                 (
                     Entry(shown[0], best=better < 0, value=a),
                     Entry(shown[1], best=better > 0, value=b),
-                    Entry(_difference(column.kind, b - a), value=b - a),
+                    Entry(signed_text(column.kind, b - a), value=b - a),
                 ),
             )
         )
     return tuple(lines)
 
 
-def _difference(kind: str, value: float) -> str:
-    sign = "−" if value < 0 else "+"
-    return sign + text(kind, abs(value))
+def _compares(first: Row, second: Row, column: Column) -> bool:
+    """Whether the values of two rows may be judged against each other."""
+    if first["background"] != second["background"] and not column.across:
+        return False
+    if column.kind not in SPEEDS:
+        return True
+    waited = column.key == clock.WALL and bool(clock.clock_notes([first, second]))
+    return machine_of(first) == machine_of(second) and not waited
 
 
 def _gallery(first: Side, second: Side) -> Gallery:

@@ -15,6 +15,7 @@ from statistics import geometric_mean, median
 import numpy as np
 
 from reports.rows import statistics
+from reports.rows.columns import signed
 from reports.rows.doubts import doubted_note, in_doubt
 from reports.rows.schema import (
     BACKGROUNDS,
@@ -203,10 +204,6 @@ def _difference_entry(difference: Difference, decimals: int) -> Entry:
     finite = np.isfinite(interval.half)
     spread = f"{interval.half:.{decimals}f}" if finite else ""
     if difference.median is not None:
-        spread += f" (median {_signed(difference.median, decimals)})"
+        spread += f" (median {signed(difference.median, decimals)})"
     certain = finite and interval.excludes_zero()
-    return Entry(_signed(interval.mean, decimals), spread, bool(certain), interval.mean)
-
-
-def _signed(value: float, decimals: int) -> str:
-    return f"{value:+.{decimals}f}".replace("-", "−")
+    return Entry(signed(interval.mean, decimals), spread, bool(certain), interval.mean)

@@ -73,10 +73,8 @@ def _quality(ours: Sequence[Row], theirs: Sequence[Row], metric: str, kind: str)
     interval = statistics.paired(_views(ours, metric), _views(theirs, metric))
     if interval is None:
         return HOLE
-    text = columns.text(kind, abs(interval.mean))
-    sign = "−" if interval.mean < 0 else "+"
     spread = columns.text(kind, interval.half) if interval.samples > 1 else ""
-    return Entry(f"{sign}{text}", spread, value=interval.mean)
+    return Entry(columns.signed_text(kind, interval.mean), spread, value=interval.mean)
 
 
 def _views(rows: Sequence[Row], metric: str) -> Mapping[tuple[str, int], float]:

@@ -106,10 +106,8 @@ def _gap_entry(found: Sequence[budgets.Gap], heading: str) -> Entry:
     if interval is None:
         return HOLE
     decimals, unit = (2, " dB") if quality else (0, " %")
-    texts = [
-        f"{value:+.{decimals}f}".replace("-", "−")
-        for value in (interval.mean, interval.low, interval.high)
-    ]
+    ends = (interval.mean, interval.low, interval.high)
+    texts = [columns.signed(value, decimals) for value in ends]
     some = f", {interval.samples} of {len(found)}" if interval.samples < len(found) else ""
     if interval.samples < 2:
         return Entry(f"{texts[0]}{unit}{some}", value=interval.mean)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from statistics import fmean, geometric_mean
 
 from reports.rows import clock, columns, statistics
+from reports.rows.columns import signed
 from reports.rows.doubts import in_doubt
 from reports.rows.schema import (
     Cell,
@@ -125,10 +126,11 @@ def _counts(base: str, kinds: Mapping[str, int]) -> list[str]:
     """Say on how many captures something happened; the first part names what is compared with."""
     present = [(verb, count) for verb, count in kinds.items() if count]
     verb, count = present[0]
-    number = "all" if len(present) == 1 else f"{count} of"
-    first = f"{verb} {PREPOSITIONS[verb]} {method_name(base)} on {number} "
+    total = sum(kinds.values())
+    everywhere = "both captures" if total == 2 else f"all {total} captures"
+    where = everywhere if len(present) == 1 else f"{count} of {total} captures"
     rest = [f"{verb} on {count}" for verb, count in present[1:]]
-    return [f"{first}{sum(kinds.values())} captures", *rest]
+    return [f"{verb} {PREPOSITIONS[verb]} {method_name(base)} on {where}", *rest]
 
 
 def _and(parts: Sequence[str]) -> str:
@@ -144,14 +146,15 @@ def verdicts(rows: Sequence[Row]) -> list[Verdict]:
         for name in captures(rows)
     ]
     return [
-        Verdict(one.capture, _doubted(one.capture, doubted[one.capture]), ())
+        Verdict(one.capture, withheld(one.capture, doubted[one.capture]), ())
         if one.capture in doubted
         else one
         for one in by_capture
     ]
 
 
-def _doubted(name: str, subjects: Sequence[str]) -> str:
+def withheld(name: str, subjects: Sequence[str]) -> str:
+    """Return what stands in a verdict's place where a capture is in doubt."""
     return f"{capture_name(name)}: no verdict. Its {_and(subjects)} are in doubt: see the warnings."
 
 
@@ -189,11 +192,6 @@ def _headline(comparison: Comparison, control: Comparison | None) -> str:
     return f"{words}, and {_quality_words(control)} {method_name(CONTROL)}"
 
 
-def signed(decibels: float) -> str:
-    """Two decimals with a sign, a true minus among them."""
-    return f"{decibels:+.2f}".replace("-", "−")
-
-
 def _quality_words(comparison: Comparison) -> str:
     where = "inside the mask" if comparison.metric == "mask_psnr" else "over the full frame"
     quality = comparison.quality
@@ -208,14 +206,21 @@ def _quality_words(comparison: Comparison) -> str:
 def _cost_words(comparison: Comparison) -> str:
     parts, spent = [], "CPU" if comparison.clock == clock.CPU else "training"
     for times, saved, cost in (
-        (comparison.size, "a {} smaller file", "a {} larger file"),
+        (comparison.size, "{article} {} smaller file", "{article} {} larger file"),
         (comparison.time, f"{{}} less {spent} time", f"{{}} more {spent} time"),
     ):
         if times is not None and abs(times - 1) >= NEGLIGIBLE:
-            parts.append((saved if times < 1 else cost).format(f"{abs(times - 1) * 100:.0f} %"))
+            percent = f"{abs(times - 1) * 100:.0f}"
+            words = saved if times < 1 else cost
+            parts.append(words.format(f"{percent} %", article=_article(percent)))
     if not parts:
         return " at the same size" + (" and time" if comparison.time is not None else "")
     return ", with " + " and ".join(parts)
+
+
+def _article(number: str) -> str:
+    """Return the article of a number as it is spoken: an eight, an eleven, an eighteen."""
+    return "an" if number.startswith("8") or number in ("11", "18") else "a"
 
 
 def _detail(comparison: Comparison) -> str:

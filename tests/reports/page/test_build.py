@@ -135,6 +135,16 @@ def test_a_gain_is_called_one_only_beyond_doubt(make_row: Callable[..., Row]) ->
     assert "a 25 % smaller file and 10 % more training time" in loss
 
 
+@pytest.mark.parametrize(
+    ("size", "words"),
+    [(3.28, "an 18 % smaller"), (3.68, "an 8 % smaller"), (3.56, "an 11 % s"), (7.24, "an 81 % l")],
+)
+def test_articles_go_by_how_a_number_is_spoken(
+    make_row: Callable[..., Row], size: float, words: str
+) -> None:
+    assert words in verdict.verdicts(pair(make_row, [0.5] * 6, size_mb=size))[0].headline
+
+
 def test_the_first_sentence_counts_captures(make_row: Callable[..., Row]) -> None:
     better, worse = (pair(make_row, [shift] * 6, size_mb=2.0) for shift in (0.5, -0.3))
     doubtful = pair(make_row, [1.5, -0.5, 1.6, -0.5, 0.4, 0.6], size_mb=2.0)

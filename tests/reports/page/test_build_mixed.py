@@ -48,7 +48,7 @@ def test_longer_runs_are_not_compared_with_short_ones(
     short = pairs(make_row, "ab")
     longer = [raised(row, 5.0) | {"iterations": 30000} for row in short[:2]]
     words = words_of([*longer, *short], tmp_path)
-    assert "Ours gains over 3DGS on all 2 captures; on average +0.50 dB" in words
+    assert "Ours gains over 3DGS on both captures; on average +0.50 dB" in words
     assert "5.50 dB" not in words
     note = "are of 1,000 iterations at 320 px, at which most experiments finished"
     assert note in words

@@ -24,8 +24,8 @@ from contextlib import closing, suppress
 from importlib.metadata import version
 from pathlib import Path
 
+from mattgs_ops.child_process import die_with_parent
 from mattgs_ops.errors import StageError
-from tasks.stages.process import die_with_parent
 
 START_SECONDS = 180.0  # a fresh database takes up to 40 s on a busy machine
 POLL_SECONDS = 0.1

@@ -4,12 +4,10 @@ Its output is read line by line, copied to the stage's log, and searched for the
 It dies with the process that runs it; the stage's time limit ends its whole process group.
 """
 
-import ctypes
 import os
 import re
 import resource
 import shutil
-import signal
 import subprocess
 import time
 from collections import deque
@@ -18,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from threading import Thread
 
+from mattgs_ops.child_process import death_with_parent, how_it_ended
 from mattgs_ops.errors import StageError
 from mattgs_ops.store.digests import file_digest
 from mattgs_ops.trainer import TrainerConfig, fill
@@ -26,7 +25,6 @@ VERSION_SECONDS = 120.0  # importing a deep learning library alone may take half
 LAST_LINES = 3  # quoted when it fails
 LAST_WORDS_SECONDS = 5.0  # for what it printed before it ended to be read
 VERSION_LETTERS, NOTE_LETTERS = 120, 60
-PR_SET_PDEATHSIG = 1  # linux/prctl.h
 # As in `Step 10: 0.12 (1%)` or `iteration=10`
 STEP = re.compile(r"\b(?:step|iteration|iter|it)\b\W{0,3}(\d[\d,_]*)", re.IGNORECASE)
 DONE_OF_ALL = re.compile(r"(\d+)\s*/\s*(\d+)")  # a progress bar's "10/1000"
@@ -127,7 +125,6 @@ def run(
     Raises :class:`StageError` when it cannot start, or ends with anything but success, and what
     ``on_line`` raises, which ends the program.
     """
-    libc = ctypes.CDLL(None, use_errno=True)
     last: deque[str] = deque(maxlen=LAST_LINES)
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     began = time.monotonic()
@@ -141,8 +138,7 @@ def run(
             stderr=subprocess.STDOUT,
             text=True,  # and a carriage return ends a line too, as progress bars need
             errors="replace",
-            # a system call that takes no lock, so that other threads cannot make it hang
-            preexec_fn=lambda: libc.prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0),  # noqa: PLW1509
+            preexec_fn=death_with_parent(),  # noqa: PLW1509 - it takes no lock
         )
     except OSError as error:
         raise StageError(f"trainer {name}: {command[0]} does not start: {error}") from error
@@ -174,17 +170,10 @@ def run(
         raise broken[0]
     if code != 0:
         said = " | ".join(last) or "it printed nothing"
-        raise StageError(f"trainer {name}: its process {_how(code)}: {said}")
+        raise StageError(f"trainer {name}: its process {how_it_ended(code)}: {said}")
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     return Usage(seconds, cpu, after.ru_maxrss / 1024.0)
-
-
-def _how(code: int) -> str:
-    if code > 0:
-        return f"ended with status {code}"
-    found = signal.Signals(-code).name
-    return f"was ended by {found}{' (out of memory?)' if found == 'SIGKILL' else ''}"
 
 
 def step_of(line: str, total: int, pattern: str | None) -> int | None:

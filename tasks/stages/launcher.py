@@ -10,8 +10,8 @@ module that starts threads when it is imported (ONNX Runtime) is refused. Stages
 in a fresh process (``process.py``).
 
 The launcher (``python -m tasks.stages.launcher``) reads one request per line, JSON, from its
-standard input: ``job`` (file), ``imports``, ``environment``, ``path``, ``folder``, ``log``. It
-answers with ``{"process": ID}``, and when that ended with ``{"code": CODE}``, negative for a
+standard input: ``job`` (file), ``imports``, ``threads``, ``environment``, ``path``, ``folder``,
+``log``. It answers with ``{"process": ID}``, and when that ended with ``{"code": CODE}``, negative for a
 signal. It dies with the thread that started it, and its stages die with it.
 """
 
@@ -32,6 +32,7 @@ from pathlib import Path
 from signal import SIGKILL
 from typing import IO, Any, cast
 
+from mattgs_ops.child_process import die_with_parent
 from tasks.stages.source_times import SourceTimes, source_times
 
 OWN_THREADS = Path("/proc/self/task")
@@ -175,7 +176,7 @@ def _become(request: Mapping[str, Any]) -> None:
         tempfile.tempdir = None  # as the environment says
         from tasks.stages import process
 
-        process.die_with_parent(parent)
+        die_with_parent(parent)
         _use_threads(int(request["threads"]))
         code = process.main([request["job"]])
     except SystemExit as end:
@@ -198,9 +199,7 @@ def _use_threads(count: int) -> None:
 
 def main(parent: int) -> None:
     """Serve the process ``parent``."""
-    from tasks.stages import process
-
-    process.die_with_parent(parent)
+    die_with_parent(parent)
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)  # what libraries print when they are imported is no answer
     serve(answers)

@@ -14,7 +14,6 @@ The child dies with its parent thread (Linux ``PR_SET_PDEATHSIG``): no training 
 worker.
 """
 
-import ctypes
 import faulthandler
 import importlib
 import json
@@ -31,6 +30,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import IO, Any
 
+from mattgs_ops.child_process import die_with_parent, how_it_ended
 from mattgs_ops.errors import InputError, MattgsError, StageError
 from mattgs_ops.progress import Progress
 from tasks.stages import launcher
@@ -39,7 +39,6 @@ from tasks.stages.status import StatusFile
 Operation = Callable[[dict[str, Any], Path, int, Progress], None]
 Child = subprocess.Popen[bytes] | launcher.Launched
 
-PR_SET_PDEATHSIG = 1  # linux/prctl.h
 GRACE_SECONDS = 5.0  # between asking a late stage to end and killing it
 HEADER = "---"  # begins the line before an attempt's lines in the log
 LOG_TAIL_LINES = 3  # quoted when a process dies without saying why
@@ -186,28 +185,14 @@ def _raise_for(code: int, verdict: Path, job: StageJob) -> None:
     if code == 0:
         return
     if code < 0:
-        name = signal.Signals(-code).name
-        hint = " (out of memory?)" if name == "SIGKILL" else ""
-        raise CrashError(f"{job.title}: the process was ended by {name}{hint}; log: {job.log}")
+        raise CrashError(f"{job.title}: the process {how_it_ended(code)}; log: {job.log}")
     tail = " | ".join(_last_lines(job.log))
-    raise StageError(f"{job.title}: the process ended with code {code}: {tail}; log: {job.log}")
+    raise StageError(f"{job.title}: the process {how_it_ended(code)}: {tail}; log: {job.log}")
 
 
 def _last_lines(log: Path) -> list[str]:
     lines = [line.strip() for line in log.read_text("utf-8", errors="replace").splitlines()]
     return [line for line in lines if line][-LOG_TAIL_LINES:]
-
-
-def die_with_parent(parent: int) -> None:
-    """Have the kernel kill this process when the thread that started it ends.
-
-    Exits at once when ``parent``, the expected parent's process id, is already gone.
-    """
-    libc = ctypes.CDLL(None, use_errno=True)
-    if libc.prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0) != 0:
-        raise OSError(ctypes.get_errno(), "prctl(PR_SET_PDEATHSIG) failed")
-    if os.getppid() != parent:
-        sys.exit("the process that started this stage is gone")
 
 
 def _child(job: StageJob) -> int:

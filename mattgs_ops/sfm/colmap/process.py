@@ -6,12 +6,12 @@ loaded beside it; none of that may end the caller.
 
 import json
 import os
-import signal
 import subprocess
 import sys
 from collections import deque
 from pathlib import Path
 
+from mattgs_ops.child_process import how_it_ended
 from mattgs_ops.errors import InputError, StageError
 from mattgs_ops.progress import Progress
 from mattgs_ops.sfm.colmap.job import ANSWER_FILE, Answer, Job
@@ -51,7 +51,7 @@ def run_worker(job: Job, log: Path, progress: Progress) -> Answer:
     if failure is not None:
         raise failure
     if status != 0:
-        raise StageError(_with_log(_ending(status), log))
+        raise StageError(_with_log(how_it_ended(status), log))
     if not (Path(job.workspace) / ANSWER_FILE).is_file():
         raise StageError(_with_log("ended without an answer", log))
     return Answer.load(Path(job.workspace))
@@ -75,16 +75,6 @@ def _listen(worker: "subprocess.Popen[str]", log: Path, progress: Progress) -> E
         else:
             progress(message["done"], message["total"], message["note"])
     return failure
-
-
-def _ending(status: int) -> str:
-    """Say how a process ended; negative statuses are signals."""
-    if status > 0:
-        return f"ended with status {status}"
-    try:
-        return f"was ended by {signal.Signals(-status).name}"
-    except ValueError:
-        return f"was ended by signal {-status}"
 
 
 def _with_log(how: str, log: Path) -> str:

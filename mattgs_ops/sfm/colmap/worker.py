@@ -7,22 +7,21 @@ Everything else, a crash inside COLMAP included, is for the parent to report.
 
 import json
 import os
-import signal
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from mattgs_ops.child_process import die_with_parent
 from mattgs_ops.errors import MattgsError
 from mattgs_ops.sfm.colmap.job import Job
 
 OUR_ERROR = 3  # exit status of a failure that has a message of its own
-PR_SET_PDEATHSIG = 1  # prctl(2)
 
 
 def main(arguments: Sequence[str]) -> int:
     """Run the job named by the one argument; returns the exit status."""
-    _die_with_parent()
+    die_with_parent(os.getppid())
     from mattgs_ops.sfm.colmap.attempts import run
 
     job = Job.load(Path(arguments[0]))
@@ -41,14 +40,6 @@ def _report_progress(done: int, total: int, note: str) -> None:
 def _print_message(message: dict[str, Any]) -> None:
     sys.stdout.write(json.dumps(message) + "\n")
     sys.stdout.flush()
-
-
-def _die_with_parent() -> None:
-    """Ask Linux to end this process when its parent ends, however that ends."""
-    if sys.platform == "linux":
-        import ctypes
-
-        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 if __name__ == "__main__":

@@ -107,7 +107,7 @@ def test_a_stage_does_not_inherit_how_dask_has_its_workers_give_memory_back(
         ("segfault", CrashError, "SIGSEGV"),
         ("killed", CrashError, "out of memory"),
         ("bug", StageError, "KeyError: 'missing'"),
-        ("leaves", StageError, "code 7: .*no licence for this"),
+        ("leaves", StageError, "status 7: .*no licence for this"),
         ("input_error", InputError, "^photo.jpg: expected a photo$"),
     ],
 )

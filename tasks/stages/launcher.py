@@ -11,8 +11,8 @@ in a fresh process (``process.py``).
 
 The launcher (``python -m tasks.stages.launcher``) reads one request per line, JSON, from its
 standard input: ``job`` (file), ``imports``, ``threads``, ``environment``, ``path``, ``folder``,
-``log``. It answers with ``{"process": ID}``, and when that ended with ``{"code": CODE}``, negative for a
-signal. It dies with the thread that started it, and its stages die with it.
+``log``. It answers with ``{"process": ID}``, and when that ended with ``{"code": CODE}``, negative
+for a signal. It dies with the thread that started it, and its stages die with it.
 """
 
 import gc

@@ -67,17 +67,15 @@ def build(
     path = out / PAGE
     if unchanged.holds(out, made_of):
         return path
-    good = promoted.mark(rows, baselines)
-    all_cells = cells(good)
+    good = [row for cell in cells(promoted.mark(rows, baselines)) for row in cell.rows]
     out.mkdir(parents=True, exist_ok=True)
-    ordered = [row for cell in all_cells for row in cell.rows]
-    _write(out / "rows.json", json.dumps(ordered, indent=1, sort_keys=True, allow_nan=False) + "\n")
+    _write(out / "rows.json", json.dumps(good, indent=1, sort_keys=True, allow_nan=False) + "\n")
     against = promoted.promoted_table(good, baselines)
     tables = [*all_tables(good, values), *([] if against is None else [against])]
     for table in tables:
         for suffix, form in FORMATS.items():
             _write(out / "tables" / f"{table.slug}.{suffix}", form(table))
-    compared = of_one_setting(ordered)
+    compared = of_one_setting(good)
     one_each = largest(compared)  # pictures and verdicts are of the largest budgets
     shown = captures(one_each)
     galleries = [pictures.gallery(name, cells(one_each), artifacts_root) for name in shown]

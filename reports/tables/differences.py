@@ -115,7 +115,13 @@ def _against(base: str, selected: Sequence[Cell]) -> Table | None:
     slug = SLUGS.get(base, "table-differences-best")
     notes = (PAIRED, OVER_CAPTURES if second else OVERALL, *doubted_note(doubted))
     return Table(
-        slug, f"Against {method_name(base)}", heads, (*metrics, *COST), tuple(groups), notes
+        slug,
+        f"Against {method_name(base)}",
+        heads,
+        (*metrics, *COST),
+        tuple(groups),
+        notes,
+        with_runs=False,  # wide as it is; the other tables and the CSV name them
     )
 
 
@@ -202,8 +208,14 @@ def _entries(numbers: Numbers) -> tuple[Entry, ...]:
 def _difference_entry(difference: Difference, decimals: int) -> Entry:
     interval = difference.interval
     finite = np.isfinite(interval.half)
-    spread = f"{interval.half:.{decimals}f}" if finite else ""
-    if difference.median is not None:
-        spread += f" (median {signed(difference.median, decimals)})"
-    certain = finite and interval.excludes_zero()
-    return Entry(signed(interval.mean, decimals), spread, bool(certain), interval.mean)
+    middle = difference.median
+    return Entry(
+        signed(interval.mean, decimals),
+        f"{interval.half:.{decimals}f}" if finite else "",
+        bool(finite and interval.excludes_zero()),
+        interval.mean,
+        aside="" if middle is None else f"median {signed(middle, decimals)}",
+        low=interval.low if finite else None,
+        high=interval.high if finite else None,
+        median=middle,
+    )

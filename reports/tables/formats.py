@@ -6,29 +6,45 @@ decided here. Every renderer is pure and ends its output with a newline.
 
 import csv as csv_module
 import io
+import re
 import textwrap
 from dataclasses import dataclass
 from html import escape
 
 TERMINAL_WIDTH = 100
 RUN = "Run"  # heading of the column of run ids
+CODE = re.compile(r"`([^`]+)`")  # settings and fields in sentences
+INTERVAL = ("low", "high", "median")  # of an entry, columns of the CSV where some entry has it
 SHORT_ID = 8  # letters of a run id that a terminal shows
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One number or word. ``value`` and ``deviation`` keep full precision for the CSV."""
+    """One number or word; ``aside`` stands in brackets behind its spread.
+
+    ``value``, ``deviation``, the ends of its interval and its median keep full precision for the
+    CSV.
+    """
 
     text: str
     spread: str = ""
     best: bool = False
     value: float | None = None
     deviation: float | None = None
+    aside: str = ""
+    low: float | None = None
+    high: float | None = None
+    median: float | None = None
+
+    @property
+    def around(self) -> str:
+        """Spread and aside as printed behind the number."""
+        return " ".join(filter(None, (self.spread, f"({self.aside})" if self.aside else "")))
 
     @property
     def full(self) -> str:
-        """Mean and spread as printed."""
-        return f"{self.text} ± {self.spread}" if self.spread else self.text
+        """Number, spread and aside as printed."""
+        return f"{self.text}{' ±' if self.spread else ''} {self.around}".rstrip()
 
 
 @dataclass(frozen=True)
@@ -113,7 +129,7 @@ def _plain_rows(table: Table, *, inline: bool) -> list[list[str]]:
             ]
             rows.append([group.label if index == 0 else "", line.name, *marked, *runs])
             if not inline and any(e.spread for e in line.entries):
-                below = [f"±{e.spread} " if e.spread else "" for e in line.entries]
+                below = [f"±{e.around} " if e.spread else "" for e in line.entries]
                 rows.append(["", "", *below, *([""] if table.with_runs else [])])
     return rows
 
@@ -196,12 +212,17 @@ def html(table: Table) -> str:
                 f'<tr{kind}>{first}<th scope="row">{escape(line.name)}</th>{cells}{runs}</tr>'
             )
         body.append("</tbody>")
-    notes = "".join(f"<li>{escape(note)}</li>" for note in table.notes)
+    notes = "".join(f"<li>{prose(note)}</li>" for note in table.notes)
     return (
         f'<figure class="table" id="{escape(table.slug)}"><figcaption>{escape(table.heading)}'
         f'</figcaption><div class="scroll"><table><thead><tr>{head}</tr></thead>{"".join(body)}'
         f"</table></div>{f'<ul class=notes>{notes}</ul>' if notes else ''}</figure>\n"
     )
+
+
+def prose(text: str) -> str:
+    """Return a sentence as HTML, what stands between backticks as code."""
+    return CODE.sub(r"<code>\1</code>", escape(text))
 
 
 def _html_head(text: str) -> str:
@@ -215,21 +236,36 @@ def _run(run: str) -> str:
 
 def _html_entry(entry: Entry) -> str:
     spread = f' <span class="spread">± {escape(entry.spread)}</span>' if entry.spread else ""
-    inner = escape(entry.text) + spread
+    aside = f'<br><span class="spread">{escape(entry.aside)}</span>' if entry.aside else ""
+    inner = escape(entry.text) + spread + aside
     return f"<td><b>{inner}</b></td>" if entry.best else f"<td>{inner}</td>"
 
 
 def csv(table: Table) -> str:
-    """Full precision: per column its mean and, where there are several seeds, its deviation."""
+    """Full precision: per column its mean and, where there are several seeds, its deviation.
+
+    Columns that have intervals or medians have those, too.
+    """
     out = io.StringIO()
     writer = csv_module.writer(out, lineterminator="\n")
-    keys = [name for key in table.keys for name in (key, f"{key}_deviation")]
+    lines = [(group.label, line) for group in table.groups for line in group.lines]
+    parts = [
+        ("deviation", *(p for p in INTERVAL if any(_part(line, i, p) for _, line in lines)))
+        for i in range(len(table.keys))
+    ]
+    named = zip(table.keys, parts, strict=True)
+    keys = [name for key, own in named for name in (key, *(f"{key}_{part}" for part in own))]
     writer.writerow(["group", table.first.lower(), *keys, "runs"])
-    for group in table.groups:
-        for line in group.lines:
-            values = [v for e in line.entries for v in (_number(e), _exact(e.deviation))]
-            writer.writerow([group.label, line.label, *values, " ".join(line.runs)])
+    for label, line in lines:
+        values = []
+        for i, own in enumerate(parts):
+            values += [_number(line.entries[i]), *(_part(line, i, part) for part in own)]
+        writer.writerow([label, line.label, *values, " ".join(line.runs)])
     return out.getvalue()
+
+
+def _part(line: Line, place: int, name: str) -> str:
+    return _exact(getattr(line.entries[place], name))
 
 
 def _number(entry: Entry) -> str:

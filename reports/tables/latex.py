@@ -1,6 +1,6 @@
 """A table in LaTeX, in the manner of `booktabs`."""
 
-from reports.tables.formats import Table
+from reports.tables.formats import CODE, Table
 
 # Characters that LaTeX reads as commands, and signs that its default fonts do not carry.
 _LATEX = {
@@ -20,10 +20,13 @@ _LATEX = {
     "×": r"$\times$",
     "−": r"$-$",
     "≥": r"$\geq$",
+    "≤": r"$\leq$",
     "–": "--",
     "—": "---",
     "·": r"$\cdot$",
     "†": r"\textsuperscript{\dag}",
+    "‡": r"\textsuperscript{\ddag}",
+    "ø": r"\o{}",
     "\u202f": r"\,",
     "…": r"\ldots{}",
     "²": r"\textsuperscript{2}",
@@ -35,8 +38,9 @@ _LATEX = {
 
 
 def latex_escape(text: str) -> str:
-    """Escape text for LaTeX; the signs that tables use become commands."""
-    return "".join(_LATEX.get(letter, letter) for letter in text)
+    """Escape text for LaTeX; the signs that tables use become commands, backticks a typewriter."""
+    plain = "".join(_LATEX.get(letter, letter) for letter in text)
+    return CODE.sub(r"\\texttt{\1}", plain)
 
 
 def latex(table: Table) -> str:

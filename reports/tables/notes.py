@@ -11,6 +11,7 @@ from reports.rows.schema import (
     Row,
     capture_name,
     captures,
+    cells,
     held_out_views,
     method_name,
 )
@@ -151,19 +152,23 @@ def best_notes(selected: Sequence[Cell], printed: Sequence[Column]) -> list[str]
 
 
 def haze_notes(rows: Sequence[Row]) -> list[str]:
-    """Name the hazy held-out views: those before whose object a cloud of splats hangs."""
-    found = []
-    for row in rows:
+    """Name the hazy held-out views: those before whose object a cloud of splats hangs.
+
+    The worst come first, whatever the order of the rows.
+    """
+    found: list[tuple[float, str]] = []
+    for row in (row for cell in cells(rows) for row in cell.finished):
         for view in held_out_views(row):
             cover = view.get("mask_haze")
             cover = view.get("haze") if cover is None else cover
             if cover is not None and cover >= HAZY:
                 where = f"{capture_name(row['capture'])}, {method_name(row['method'])} on "
                 where += f"{row['background']}, seed {row['seed']}"
-                found.append(f"{where}: {view['view']} ({cover:.2f})")
+                found.append((cover, f"{where}: {view['view']} ({cover:.2f})"))
     if not found:
         return []
-    named = "; ".join(found[:MOST_HAZY])
+    found.sort(key=lambda one: -one[0])  # of equal ones in the order of the tables
+    named = "; ".join(text for _, text in found[:MOST_HAZY])
     more = f"; and {len(found) - MOST_HAZY} more" if len(found) > MOST_HAZY else ""
     return [f"Hazy held-out views, with the cover of splats in the air before them: {named}{more}."]
 

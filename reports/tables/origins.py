@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from reports.rows.groups import by_capture, condition_of
 from reports.rows.schema import Cell, Row, capture_name, captures, cells
 from reports.tables.formats import Entry, Group, Line, Table
 
@@ -89,15 +90,32 @@ def notes(rows: Sequence[Row]) -> list[str]:
             "ratios of times and speeds only where both conditions ran on one."
         )
     for name in captures(finished):
-        selected = [row for row in finished if row["capture"] == name]
-        starts = {repr(_start(row)) for row in selected}
-        if len(starts) > 1:
-            sentences.append(
-                f"{capture_name(name)}: experiments started from {len(starts)} different sets of "
-                "masks, poses or sparse points, so that a difference between conditions is not the "
-                "method's alone."
-            )
+        sentences += _starts_note(name, [row for row in finished if row["capture"] == name])
     return sentences
+
+
+def _starts_note(name: str, rows: Sequence[Row]) -> list[str]:
+    """Say whether a capture's experiments started from different masks, poses or points.
+
+    Conditions are compared seed by seed: what differs between seeds alone is in no difference.
+    """
+    by_seed: dict[int, set[str]] = {}
+    for row in rows:
+        by_seed.setdefault(int(row["seed"]), set()).add(repr(_start(row)))
+    most, total = max(map(len, by_seed.values())), len(set().union(*by_seed.values()))
+    text = ""
+    if most > 1:
+        text = (
+            f"{capture_name(name)}: experiments of one seed started from {most} different sets of "
+            "masks, poses or sparse points, so that a difference between conditions is not the "
+            "method's alone."
+        )
+    elif total > 1:
+        text = (
+            f"{capture_name(name)}: seeds started from {total} different sets of masks, poses or "
+            "sparse points, all conditions of a seed from the same."
+        )
+    return [text] if text else []
 
 
 def origins_table(rows: Sequence[Row]) -> Table | None:
@@ -131,6 +149,36 @@ def origins_table(rows: Sequence[Row]) -> Table | None:
     return Table(
         "table-origins", "Origins", heads, keys, tuple(groups), (note,), "Captures", with_runs=False
     )
+
+
+def runs_table(rows: Sequence[Row]) -> Table | None:
+    """Say where each line comes from: run, configuration, inputs; in full."""
+    heads: tuple[str, ...] = ("Seed", "Status", "Run", "Config", "Code", "Inputs")
+    numbers = {origin: str(number) for number, origin in enumerate(origins(rows), start=1)}
+    if len(numbers) > 1:
+        heads = (*heads, "Origin")
+    groups = []
+    for label, members in by_capture(cells(rows)):
+        lines = []
+        for cell in members:
+            for row in cell.rows:
+                origin = _provenance(row)
+                inputs = origin.get("inputs") or {}
+                texts: tuple[Any, ...] = (
+                    row["seed"],
+                    row["status"],
+                    row.get("run_id") or "–",
+                    str(origin.get("config_digest") or "–")[:DIGEST],
+                    str(origin.get("code_version") or "–")[:DIGEST],
+                    " ".join(f"{k}:{str(v)[:DIGEST]}" for k, v in sorted(inputs.items())) or "–",
+                )
+                texts = (*texts, numbers.get(origin_of(row), "–"))[: len(heads)]
+                lines.append(Line(condition_of(cell), tuple(Entry(str(text)) for text in texts)))
+        groups.append(Group(label, tuple(lines)))
+    if not groups:
+        return None
+    keys = tuple(head.lower() for head in heads)
+    return Table("table-runs", "Runs", heads, keys, tuple(groups), (), "Condition", False)
 
 
 def _differing(rows: Sequence[Row]) -> list[str]:

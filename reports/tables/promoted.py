@@ -74,7 +74,10 @@ def _quality(ours: Sequence[Row], theirs: Sequence[Row], metric: str, kind: str)
     if interval is None:
         return HOLE
     spread = columns.text(kind, interval.half) if interval.samples > 1 else ""
-    return Entry(columns.signed_text(kind, interval.mean), spread, value=interval.mean)
+    text, mean = columns.signed_text(kind, interval.mean), interval.mean
+    if not spread:
+        return Entry(text, value=mean)
+    return Entry(text, spread, value=mean, low=interval.low, high=interval.high)
 
 
 def _views(rows: Sequence[Row], metric: str) -> Mapping[tuple[str, int], float]:

@@ -20,7 +20,13 @@ from reports.rows.settings import of_one_setting
 from reports.tables import paper
 from reports.tables.differences import difference_tables
 from reports.tables.formats import Entry, Group, Line, Table
-from reports.tables.origins import machine_of, origin_of, origins, origins_table
+from reports.tables.origins import (
+    machine_of,
+    measured_on,
+    origins_table,
+    runs_table,
+    shared_machine,
+)
 from reports.tables.tables import (
     HOLE,
     capture_tables,
@@ -42,7 +48,10 @@ BJONTEGAARD = (
     "over how many, and leaves out those that differ most."
 )
 BUDGETS = "table-budgets"  # of methods at equal sizes: a report that has it begins with it
-DIGEST = 12  # letters of a digest that tell two apart
+RESUMED = (
+    "A training that was resumed, and of which only the seconds of the last part are known, counts "
+    "in no mean of Train; – where there is no other."
+)
 STAGES = {
     "prepare": "Prepare",
     "segment": "Segment",
@@ -112,7 +121,8 @@ def _gap_entry(found: Sequence[budgets.Gap], heading: str) -> Entry:
     if interval.samples < 2:
         return Entry(f"{texts[0]}{unit}{some}", value=interval.mean)
     text = f"{texts[0]}{unit} ({texts[1]} to {texts[2]}){some}"
-    return Entry(text, best=interval.excludes_zero(), value=interval.mean)
+    certain, mean = interval.excludes_zero(), interval.mean
+    return Entry(text, best=certain, value=mean, low=interval.low, high=interval.high)
 
 
 def quality_table(rows: Sequence[Row]) -> Table | None:
@@ -213,55 +223,35 @@ def cost_table(rows: Sequence[Row]) -> Table | None:
     holes: list[str] = []
 
     def values_of(row: Row, key: str) -> Any:
-        return (row.get("seconds") or {}).get(key)
+        return None if key == "train" and _resumed(row) else (row.get("seconds") or {}).get(key)
 
     groups = []
+    printed: list[Row] = []
     for label, members in by_capture(selected):
         lines = lines_of(members, stage_columns, holes, condition_of, values_of)
         groups.append(Group(label, tuple(lines)))
-    threads = sorted({str((_provenance(row)).get("threads", "?")) for row in finished_of(selected)})
-    done = finished_of(selected)
-    cpus = sorted({str(_provenance(row).get("cpu", "an unnamed CPU")) for row in done})
+        machine, done = shared_machine(members), finished_of(members)
+        printed += measured_on(machine, done) if machine else done
+    threads = sorted({str((_provenance(row)).get("threads", "?")) for row in printed})
+    cpus = sorted({str(_provenance(row).get("cpu", "an unnamed CPU")) for row in printed})
+    if any(_resumed(row) for row in printed):
+        holes.append(RESUMED)
     notes = [
         *holes,
         (
             f"Wall time on {'; '.join(cpus)}; threads per training: {' or '.join(threads)}. "
             "Stages include start-up and reading; the column Time of the other tables is the "
-            "training loop alone. A stage shared by several conditions ran once and is printed "
-            "with each of them."
+            "training loop alone. A stage shared by several conditions or seeds ran once and is "
+            "printed with each of them."
         ),
     ]
     return make_table("table-cost", "Cost per stage", stage_columns, groups, notes, "Condition")
 
 
-def runs_table(rows: Sequence[Row]) -> Table | None:
-    """Say where each line comes from: run, configuration, inputs; in full."""
-    heads: tuple[str, ...] = ("Seed", "Status", "Run", "Config", "Code", "Inputs")
-    numbers = {origin: str(number) for number, origin in enumerate(origins(rows), start=1)}
-    if len(numbers) > 1:
-        heads = (*heads, "Origin")
-    groups = []
-    for label, members in by_capture(cells(rows)):
-        lines = []
-        for cell in members:
-            for row in cell.rows:
-                origin = _provenance(row)
-                inputs = origin.get("inputs") or {}
-                texts: tuple[Any, ...] = (
-                    row["seed"],
-                    row["status"],
-                    row.get("run_id") or "–",
-                    str(origin.get("config_digest") or "–")[:DIGEST],
-                    str(origin.get("code_version") or "–")[:DIGEST],
-                    " ".join(f"{k}:{str(v)[:DIGEST]}" for k, v in sorted(inputs.items())) or "–",
-                )
-                texts = (*texts, numbers.get(origin_of(row), "–"))[: len(heads)]
-                lines.append(Line(condition_of(cell), tuple(Entry(str(text)) for text in texts)))
-        groups.append(Group(label, tuple(lines)))
-    if not groups:
-        return None
-    keys = tuple(head.lower() for head in heads)
-    return Table("table-runs", "Runs", heads, keys, tuple(groups), (), "Condition", False)
+def _resumed(row: Row) -> bool:
+    """Whether a training was resumed and its stage's seconds are of its last part alone."""
+    seconds = (row.get("seconds") or {}).get("train")
+    return seconds is not None and seconds < float(row["metrics"]["time"])
 
 
 def _provenance(row: Row) -> Mapping[str, Any]:

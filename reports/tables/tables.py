@@ -228,7 +228,8 @@ def _entry(
     if not values:
         return HOLE
     mean = fmean(values)
-    deviation = stdev(values) if len(values) > 1 else None
+    once = column.kind == "time" and len(set(values)) == 1  # a stage that several rows share
+    deviation = stdev(values) if len(values) > 1 and not once else None
     spread = "" if deviation is None else columns.text(column.kind, deviation)
     return Entry(columns.text(column.kind, mean), spread, False, mean, deviation)
 

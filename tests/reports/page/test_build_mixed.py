@@ -75,6 +75,16 @@ def test_captures_in_doubt_count_in_no_mean(make_row: Callable[..., Row], tmp_pa
     assert "Ours on 2 of 2 captures" in words, "the figure's caption counts two"
 
 
+def test_warnings_and_incidents_do_not_hang_on_the_order_of_rows(
+    make_row: Callable[..., Row], tmp_path: Path
+) -> None:
+    rows = pairs(make_row, "ab")
+    for number, row in enumerate(rows):
+        row["warnings"] = [{"about": "masks", "text": f"mask {number} is odd", "serious": False}]
+        row["registration"]["fallbacks"] = [f"step {number}"]
+    assert words_of(rows, tmp_path / "one") == words_of(rows[::-1], tmp_path / "other")
+
+
 def test_a_row_trained_on_held_out_views_gets_no_verdict(
     make_row: Callable[..., Row], tmp_path: Path
 ) -> None:

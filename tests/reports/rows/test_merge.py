@@ -11,7 +11,7 @@ from mattgs_ops.errors import InputError
 from reports.figures import trade_off
 from reports.rows.merge import merge, newest_alike
 from reports.rows.schema import PROTOCOL, Cell, cells
-from reports.tables import notes, origins, pairs, side_tables, tables, verdict
+from reports.tables import notes, origins, pairs, tables, verdict
 from tasks import row as made
 
 Row = dict[str, Any]
@@ -107,9 +107,23 @@ def test_one_origin_needs_no_words(make_grid: Callable[..., list[Row]]) -> None:
     rows = make_grid()
     assert origins.notes(rows) == []
     assert origins.origins_table(rows) is None
-    runs = side_tables.runs_table(rows)
+    runs = origins.runs_table(rows)
     assert runs is not None
     assert "Origin" not in runs.headings
+
+
+def test_seeds_that_start_from_other_masks_are_no_alarm(
+    make_grid: Callable[..., list[Row]],
+) -> None:
+    rows = [
+        changed(row, "registration.points", 100 + row["seed"])
+        for row in make_grid(captures=("rover",), seeds=2)
+    ]
+    (note,) = origins.notes(rows)
+    assert note == (
+        "Rover: seeds started from 2 different sets of masks, poses or sparse points, all "
+        "conditions of a seed from the same."
+    )
 
 
 def test_other_code_machines_and_poses_are_told(make_grid: Callable[..., list[Row]]) -> None:
@@ -126,7 +140,7 @@ def test_other_code_machines_and_poses_are_told(make_grid: Callable[..., list[Ro
     text = "\n".join(origins.notes(mine))
     assert "2 states of the code and 2 kinds of machine" in text
     assert "Time, FPS and cost per stage were measured on different machines" in text
-    assert "Rover: experiments started from 2 different sets of masks, poses" in text
+    assert "Rover: experiments of one seed started from 2 different sets of masks, poses" in text
     assert "Hexapod" not in text
     table = origins.origins_table(mine)
     assert table is not None
@@ -136,7 +150,7 @@ def test_other_code_machines_and_poses_are_told(make_grid: Callable[..., list[Ro
     assert [line.entries[-1].text for line in lines] == [
         "torch 2.0", "torch 2.0", "torch 3.0", "torch 2.0",
     ]  # fmt: skip
-    runs = side_tables.runs_table(mine)
+    runs = origins.runs_table(mine)
     assert runs is not None
     assert runs.headings[-1] == "Origin"
     assert [line.entries[-1].text for line in runs.groups[0].lines] == ["1", "2", "3", "4"]

@@ -1,8 +1,12 @@
 """Every method against a base: paired differences, ratios, and the mean over all pairs."""
 
+import csv
+import io
+
 import pytest
 
 from reports.rows.schema import Row
+from reports.tables import formats
 from reports.tables.differences import difference_tables
 from reports.tables.verdict import overall, verdicts
 from tests.reports.conftest import cell_row, failed_row
@@ -138,9 +142,15 @@ def test_a_median_stands_beside_the_mean_where_a_view_is_an_outlier() -> None:
     (table,) = difference_tables(second_grid(("3dgs", "ours+"), outlier=6.0))
     entry = table.groups[0].lines[0].entries[table.keys.index("mask_psnr")]
     assert entry.value == pytest.approx(1.7, abs=0.01)
-    assert entry.spread.endswith("(median +0.70)")
+    assert entry.full.endswith("(median +0.70)")
+    (record, *_) = csv.DictReader(io.StringIO(formats.csv(table)))
+    numbers = {part: float(record[f"mask_psnr_{part}"]) for part in ("low", "high", "median")}
+    assert numbers["low"] < 0 < numbers["high"]
+    assert numbers["low"] + numbers["high"] == pytest.approx(2 * float(record["mask_psnr"]))
+    assert numbers["median"] == pytest.approx(0.70, abs=0.011)
+    assert "size_mb_low" not in record, "ratios have no interval"
     (table,) = difference_tables(second_grid(("3dgs", "ours+")))
-    assert "median" not in table.groups[0].lines[0].entries[0].spread
+    assert "median" not in table.groups[0].lines[0].entries[0].full
 
 
 def test_the_tuned_control_is_a_base_of_its_own() -> None:

@@ -3,16 +3,19 @@
 import shutil
 import subprocess
 from collections.abc import Callable
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from reports.rows.schema import read_rows
 from reports.tables import formats, latex, paper, side_tables
 from reports.tables.formats import Entry, Group, Line, Table
 
 Row = dict[str, Any]
+RESULTS = Path(__file__).parents[3] / "reports" / "results"
 
 
 @pytest.fixture
@@ -67,6 +70,27 @@ def test_every_sign_of_the_real_tables_is_known_to_latex(
 ) -> None:
     for table in side_tables.all_tables(make_grid(seeds=2)):
         assert latex.latex(table).isascii(), table.slug
+
+
+@pytest.mark.parametrize("folder", sorted({p.parent.name for p in RESULTS.glob("*/*.json")}))
+def test_every_sign_of_the_committed_rows_tables_is_known_to_latex(folder: str) -> None:
+    rows = [row for path in sorted((RESULTS / folder).glob("*.json")) for row in read_rows(path)]
+    for table in side_tables.all_tables(rows):
+        text = latex.latex(table)
+        assert text.isascii(), (table.slug, {letter for letter in text if not letter.isascii()})
+
+
+def test_settings_in_notes_are_code_on_the_page_and_in_latex(table: Table) -> None:
+    noted = replace(table, notes=("no weights (`lpips`), <none>",))
+    assert "<li>no weights (<code>lpips</code>), &lt;none&gt;</li>" in formats.html(noted)
+    assert r"no weights (\texttt{lpips})" in latex.latex(noted)
+
+
+def test_a_median_has_a_line_of_its_own_on_the_page() -> None:
+    entry = Entry("+0.50", "0.10", value=0.5, aside="median +0.40")
+    assert entry.full == "+0.50 ± 0.10 (median +0.40)"
+    table = Table("t", "T", ("PSNR",), ("psnr",), (Group("a", (Line("b", (entry,)),)),))
+    assert '± 0.10</span><br><span class="spread">median +0.40</span>' in formats.html(table)
 
 
 @pytest.mark.skipif(shutil.which("pdflatex") is None, reason="no pdflatex on this machine")

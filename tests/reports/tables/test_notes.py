@@ -40,6 +40,21 @@ def test_hazy_views_are_named_by_their_measure_alone() -> None:
     assert "0000.jpg" not in note
 
 
+def test_the_haziest_views_come_first_whatever_the_order_of_the_rows() -> None:
+    rows = []
+    for capture, covers in (("rover", [0.11 + 0.01 * n for n in range(6)]), ("fox", [0.9] * 6),
+                            ("hexapod", [0.3] * 6)):  # fmt: skip
+        row = cell_row(capture, "original", "3dgs")
+        for view, cover in zip(row["per_view"], covers, strict=True):
+            view["mask_haze"] = cover
+        rows.append(row)
+    (note,) = haze_notes(rows)
+    assert note.index("fox") < note.index("Hexapod")
+    assert "Rover" not in note
+    assert note.endswith("and 6 more.")
+    assert haze_notes(rows[::-1]) == [note]
+
+
 def test_a_table_without_lpips_says_why() -> None:
     row = cell_row("rover", "nobg", "3dgs")
     assert tables.perceptual_table([row]) is None

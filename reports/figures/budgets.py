@@ -5,13 +5,23 @@ The first thing to see of methods that were run with several numbers of splats.
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, NullFormatter
+from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 
-from reports.figures.plots import DASHES, Saved, colours, legend, save, sheets
+from reports.figures.plots import (
+    Saved,
+    colours,
+    dashes_of,
+    headed,
+    legend,
+    mark_of,
+    save,
+    sheets,
+)
 from reports.rows import budgets, clock
 from reports.rows.budgets import Point
 from reports.rows.columns import signed
@@ -30,33 +40,36 @@ from reports.tables.origins import machine_of
 SLUG = "figure-budgets"
 Curves = dict[tuple[str, str], dict[str, list[Point]]]
 OVER_ALL = {"nobg": "without background", "original": "with background"}
-WIDE = 30  # from here on an axis has no room for more than the powers of ten
-MARKS = {"original": "o", "nobg": "s"}
+NARROW, WIDE = 5, 30  # ratios of an axis' ends: even steps below, the powers of ten alone above
+SIZE, MIXED = "size_mb", " Times are left out: they are of different machines."
 
 
 def budget_curves(rows: Sequence[Row], folder: Path) -> list[Saved]:
     """Draw quality over size (upper row) and time (lower row), one column a capture.
 
-    Nothing where no method has several budgets.
+    Nothing where no method has several budgets; no times where several machines measured them.
     """
     finished = [row for row in rows if row["status"] == "finished"]
     if not budgets.has_budgets(finished):
         return []
     metric, part = next(iter(budgets.parts(finished).items()))
-    found = {
-        cost: budgets.curves(finished, cost, metric)
-        for cost in ("size_mb", clock.clock_of(finished))
-    }
+    mixed = len({machine_of(row) for row in finished}) > 1
+    costs = {SIZE: "Size (MB)"}
+    if not mixed:
+        timer = clock.clock_of(finished)
+        costs[timer] = clock.AXES[timer]
+    found = {cost: budgets.curves(finished, cost, metric) for cost in costs}
     tones = colours(rows)
     label = f"PSNR, {part} (dB)"
     claims = _claims(finished, metric)
     return [
-        _sheet(found, list(names), label, tones, claims, folder, slug, sheet, finished)
+        _sheet(costs, found, list(names), label, tones, claims, folder, slug, sheet, finished)
         for slug, sheet, names in sheets(captures(finished))
     ]
 
 
 def _sheet(
+    costs: dict[str, str],
     found: dict[str, Curves],
     names: list[str],
     label: str,
@@ -67,48 +80,45 @@ def _sheet(
     sheet: str,
     rows: Sequence[Row],
 ) -> Saved:
-    timer = next(cost for cost in found if cost != "size_mb")
-    figure = Figure(figsize=(max(2.6 * len(names), 3.4) + 0.5, 5.0))
-    grid = figure.subplots(2, len(names), squeeze=False, sharey="col")
+    figure = Figure(figsize=(max(2.6 * len(names), 3.4) + 0.5, 0.4 + 2.3 * len(found)))
+    grid = figure.subplots(len(found), len(names), squeeze=False, sharey="col")
     shown: dict[tuple[str, str], None] = {}
     for place, name in enumerate(names):
-        for axes, cost, text in (
-            (grid[0][place], "size_mb", "Size (MB)"),
-            (grid[1][place], timer, clock.AXES[timer]),
-        ):
+        for axes, (cost, text) in zip(grid[:, place], costs.items(), strict=True):
             for (capture, background), methods in found[cost].items():
                 if capture == name:
                     for method, points in methods.items():
-                        _curve(axes, background, points, tones[method])
+                        _curve(axes, points, _look(background, method, tones))
                         shown[background, method] = None
             _logarithmic(axes)
             axes.set_xlabel(text)
-        grid[0][place].set_title(capture_name(name))
+        headed(grid[0][place], capture_name(name))
     for axes in grid[:, 0]:
         axes.set_ylabel(label)
     legend(figure, [_handle(*condition, tones) for condition in _ordered(shown, rows)])
-    mixed = len({machine_of(row) for row in rows}) > 1
+    over = " and training ".join(["file size", *(clock.WORDS[c] for c in costs if c != SIZE)])
     caption = (
-        f"{claims}{label.removesuffix(' (dB)')}, on held-out views over file size and training "
-        f"{clock.WORDS[timer]}, each on a logarithmic scale: up and to the left is better. A "
-        "curve is a method with growing numbers of splats, a single point one that cannot be "
-        "given any."
-        f"{' Times are of different machines.' if mixed else ''}{sheet}"
+        f"{claims}{label.removesuffix(' (dB)')}, on held-out views over {over}, on logarithmic "
+        "scales: up and to the left is better. A curve is a method with growing numbers of splats, "
+        f"a single point one that cannot be given any.{'' if len(costs) > 1 else MIXED}{sheet}"
     )
     return save(figure, folder, f"{SLUG}{slug}", caption)
 
 
-def _curve(axes: Axes, background: str, points: Sequence[Point], tone: str) -> None:
-    axes.plot(
-        [cost for cost, _ in points],
-        [quality for _, quality in points],
-        MARKS[background],
-        color=tone,
-        linestyle=DASHES[background],
-        linewidth=1.3,
-        markersize=4.5,
-        markerfacecolor=tone if background == "nobg" else "white",
-    )
+def _curve(axes: Axes, points: Sequence[Point], look: dict[str, Any]) -> None:
+    axes.plot([cost for cost, _ in points], [quality for _, quality in points], **look)
+
+
+def _look(background: str, method: str, tones: dict[str, str]) -> dict[str, Any]:
+    """Return what a condition's curve looks like, in the axes and in the legend."""
+    return {
+        "color": tones[method],
+        "linestyle": dashes_of(background, method, tones),
+        "linewidth": 1.3,
+        "marker": mark_of(background, method, tones),
+        "markersize": 4.5,
+        "markerfacecolor": tones[method] if background == "nobg" else "white",
+    }
 
 
 def _logarithmic(axes: Axes) -> None:
@@ -116,29 +126,18 @@ def _logarithmic(axes: Axes) -> None:
     axes.set_xscale("log")
     low, high = axes.get_xlim()
     steps = (1, 2, 5) if high / low < WIDE else (1,)
-    ticks = [
-        step * 10.0**power
-        for power in range(-3, 7)
-        for step in steps
-        if low <= step * 10.0**power <= high
-    ]
-    axes.set_xticks(ticks)
+    ticks = [step * 10.0**power for power in range(-3, 7) for step in steps]
+    if high / low < NARROW:  # not two of these may lie on it
+        ticks = [float(tick) for tick in MaxNLocator(6, steps=(1, 2, 5, 10)).tick_values(low, high)]
+    axes.set_xticks([tick for tick in ticks if low <= tick <= high])
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,g}"))
     axes.xaxis.set_minor_formatter(NullFormatter())
     axes.margins(0.08)
 
 
 def _handle(background: str, method: str, tones: dict[str, str]) -> Line2D:
-    return Line2D(
-        [],
-        [],
-        color=tones[method],
-        linestyle=DASHES[background],
-        marker=MARKS[background],
-        markersize=4.5,
-        markerfacecolor=tones[method] if background == "nobg" else "white",
-        label=condition_name(background, method),
-    )
+    label = condition_name(background, method)
+    return Line2D([], [], label=label, **_look(background, method, tones))
 
 
 def _ordered(shown: dict[tuple[str, str], None], rows: Sequence[Row]) -> list[tuple[str, str]]:

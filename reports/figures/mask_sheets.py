@@ -73,8 +73,8 @@ def _caption(capture: str, scene: Scene, drawn: int, flags: Flags, place: Path) 
     source = MaskReport.load(report).source if report.is_file() else ""
     agreement = scene.extra.get("agreement") or {}
     whose = {
-        "votes": "were voted on by all views",
-        "maps": "are the network's, corrected by all views",
+        "votes": "were voted on by the training views",
+        "maps": "are the network's, corrected by the training views",
     }.get(str(agreement.get("masks", "")), SOURCES.get(source, "are the network's"))
     count = f"{drawn} of {len(scene.views)} photos" if drawn < len(scene.views) else "all photos"
     flagged = "; ".join(f"{name}: {', '.join(some)}" for name, some in flags.items() if some)

@@ -10,7 +10,8 @@ from matplotlib.colors import Normalize
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from mattgs_ops.capture.scene import Scene, View
+from mattgs_ops.capture.scene import Scene, SparsePoints, View
+from mattgs_ops.capture.sparse import OBJECT_SHARE
 from reports.figures import findings, pictures
 from reports.figures.attention import attention
 from reports.figures.picture_grid import GAP, TOP, bare, canvas, clear, show, side
@@ -23,7 +24,6 @@ SCALE = 0.5  # inches for a colour scale
 MOST_LANES = 6  # pictures side by side; with more, each background has rows of its own
 MARK = "#ffd400"  # the frame around a zoomed part
 ERROR_TOP = 0.25  # error at which the colour scale ends, of 1
-OBJECT_SHARE = 0.5  # a sparse point counts as the object's above this
 
 
 def comparison(found: Gallery, folder: Path) -> Saved | None:
@@ -138,21 +138,27 @@ def _masked_sfm(
                 axes.set_title(title, fontsize=7.5)
     caption = (
         "Masked structure-from-motion: a photo, what its mask keeps, and the sparse points that "
-        "project into it; orange ones lie inside the masks of most views that see them"
-        f"{_on_object(found)}."
+        f"project into it; orange ones are the object's: {OBJECT_SHARE * 100:.0f} % or more of the "
+        f"views that see them have them in their masks{_on_object(found)}."
     )
     return save(figure, folder, f"figure-sfm{slug}", caption + sheet, pictorial=True)
 
 
 def _on_object(found: Sequence[tuple[str, Scene, View]]) -> str:
     """Say which share of all sparse points lies on the object, per capture."""
-    clouds = [(name, scene.points().object_share) for name, scene, _ in found]
+    clouds = [(name, scene.points()) for name, scene, _ in found]
     shares = [
-        f"{(share > OBJECT_SHARE).mean() * 100:.0f} % of {capture_name(name)}'s"
-        for name, share in clouds
-        if len(share)
+        f"{_objects(points).mean() * 100:.0f} % of {capture_name(name)}'s"
+        for name, points in clouds
+        if len(points.xyz)
     ]
     return f" ({', '.join(shares)})" if shares else ""
+
+
+def _objects(points: SparsePoints) -> NDArray[np.bool_]:
+    """Say which points are the object's, by the rule that training goes by."""
+    chosen: NDArray[np.bool_] = points.object_share >= np.float32(OBJECT_SHARE)
+    return chosen
 
 
 def _blocks(lanes: Sequence[Lane]) -> list[list[Lane]]:
@@ -208,7 +214,7 @@ def _points(axes: Axes, photo: Floats, scene: Scene, view: View) -> None:
         return
     xy, depth = view.camera.project(points.xyz)
     inside = (depth > 0) & ((xy >= 0) & (xy < [view.width, view.height])).all(axis=1)
-    on_object = points.object_share > OBJECT_SHARE
+    on_object = _objects(points)
     for chosen, colour in ((inside & ~on_object, "#7b8794"), (inside & on_object, "#D55E00")):
         axes.scatter(
             xy[chosen, 0] - 0.5, xy[chosen, 1] - 0.5, s=1.2, c=colour, linewidths=0, rasterized=True

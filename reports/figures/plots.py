@@ -5,34 +5,46 @@ no file carries a date.
 """
 
 import csv
-from collections.abc import Iterator, Sequence
+import textwrap
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import cycle, islice, pairwise
+from itertools import cycle, pairwise
 from pathlib import Path
 from typing import TypeVar
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import StrMethodFormatter
 from numpy.typing import NDArray
 
+from mattgs_ops.method import METHODS
 from reports.figures import findings
 from reports.figures.pictures import artifact
+from reports.rows.columns import joined
 from reports.rows.schema import (
     Cell,
     Row,
     capture_name,
     cells,
     condition_name,
+    method_name,
 )
 
 # Okabe & Ito (2008): eight colours that colour-blind readers can tell apart
-OWN_COLOUR = ("3dgs", "ours", "ours+")  # the first of the palette, whatever else there is
+OWN_COLOUR = ("3dgs", "ours", "ours+")  # the first of the palette, and nobody else has them
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-DASHES = {"original": "--", "nobg": "-"}
+# Lines and marks; the next of each where methods outnumber the colours. Lines have wide gaps with
+# the background and narrow ones without it: (offset, (line, gap, ...)) in widths of the line.
+Dash = str | tuple[int, tuple[float, ...]]
+DASHES: dict[str, tuple[Dash, ...]] = {
+    "original": ("--", (0, (1, 4)), (0, (5, 4, 1, 4)), (0, (5, 4, 1, 4, 1, 4)), (0, (12, 4))),
+    "nobg": ("-", (0, (1, 1)), (0, (5, 1, 1, 1)), (0, (5, 1, 1, 1, 1, 1)), (0, (12, 1))),
+}
+MARKS = {"original": "o^D<*", "nobg": "svPX>"}
 STYLE = {
     "font.family": "DejaVu Sans",
     "font.size": 8,
@@ -54,6 +66,8 @@ SHEET = 4  # captures that one figure shows side by side; more go onto further s
 SMOOTH_SHARE = 10  # the running mean's window is the curve's length divided by this
 LEGEND_MARK, LEGEND_LETTER = 0.6, 0.075  # inches: a mark with its gaps, a letter
 LEGEND_WIDTH, LEGEND_HEIGHT = 1.3, 0.18  # inches that one entry takes
+LEGEND_ROWS = 3  # that a figure's height has room for; it grows by more of them
+TITLE_LETTERS = 24  # that stand on one line above a column
 
 
 Item = TypeVar("Item")
@@ -94,10 +108,31 @@ def save(
 
 
 def colours(rows: Sequence[Row]) -> dict[str, str]:
-    """Give each method its colour; 3DGS, Ours and Ours+ keep theirs whatever else there is."""
+    """Give each method its colour; 3DGS, Ours and Ours+ keep theirs, and share them with none."""
     others = sorted({row["method"] for row in rows} - set(OWN_COLOUR))
-    methods = [*OWN_COLOUR, *others]
-    return dict(zip(methods, islice(cycle(PALETTE), len(methods)), strict=True))
+    own = dict(zip(OWN_COLOUR, PALETTE, strict=False))
+    return own | dict(zip(others, cycle(PALETTE[len(own) :]), strict=False))
+
+
+def dashes_of(background: str, method: str, tones: Mapping[str, str]) -> Dash:
+    """Return a method's line: of those with one colour, each has its own."""
+    return DASHES[background][_round(method, tones) % len(DASHES[background])]
+
+
+def mark_of(background: str, method: str, tones: Mapping[str, str]) -> str:
+    """Return a method's mark: of those with one colour, each has its own."""
+    return MARKS[background][_round(method, tones) % len(MARKS[background])]
+
+
+def _round(method: str, tones: Mapping[str, str]) -> int:
+    """Return how many methods before this one have its colour."""
+    before = list(tones)[: list(tones).index(method)]
+    return sum(tones[one] == tones[method] for one in before)
+
+
+def headed(axes: Axes, name: str) -> None:
+    """Write a column's name above it, on several lines where it is long."""
+    axes.set_title(textwrap.fill(name, TITLE_LETTERS))
 
 
 def mean(cell: Cell, metric: str) -> float | None:
@@ -126,12 +161,14 @@ def sheets(items: Sequence[Item]) -> list[tuple[str, str, Sequence[Item]]]:
 
 
 def legend(figure: Figure, handles: Sequence[Line2D]) -> None:
-    """Lay out the axes above a legend at the bottom edge."""
+    """Lay out the axes above a legend at the bottom edge, whose rows the figure grows by."""
     labels = [str(handle.get_label()) for handle in handles]
     longest = max(map(len, labels), default=0)
     width = max(LEGEND_WIDTH, LEGEND_MARK + LEGEND_LETTER * longest)
     across = max(1, min(len(handles), int(figure.get_figwidth() / width)))
     rows = -(-len(handles) // across)
+    more = max(0, rows - LEGEND_ROWS) * LEGEND_HEIGHT
+    figure.set_figheight(figure.get_figheight() + more)
     bottom = (0.08 + LEGEND_HEIGHT * rows) / figure.get_figheight()
     figure.tight_layout(rect=(0, bottom, 1, 1))
     figure.legend(handles, labels, loc="lower center", ncols=across, borderaxespad=0.2)
@@ -158,7 +195,7 @@ def _curves(found: Curves, tones: dict[str, str], folder: Path, slug: str, sheet
     figure = Figure(figsize=(max(2.5 * len(found), 3.2) + 0.5, 6.2))
     grid = figure.subplots(len(shown), len(found), squeeze=False, sharex="col")
     for place, (capture, curves) in enumerate(found.items()):
-        grid[0][place].set_title(capture_name(capture))
+        headed(grid[0][place], capture_name(capture))
         for level, (key, label) in enumerate(shown):
             axes = grid[level][place]
             for cell, curve in curves:
@@ -171,7 +208,7 @@ def _curves(found: Curves, tones: dict[str, str], folder: Path, slug: str, sheet
                     curve["step"],
                     smooth(curve[key]) if key in NOISY else curve[key],
                     color=tone,
-                    linestyle=DASHES[cell.key.background],
+                    linestyle=dashes_of(cell.key.background, cell.key.method, tones),
                     linewidth=1.3,
                     label=condition_name(cell.key.background, cell.key.method),
                 )
@@ -181,7 +218,8 @@ def _curves(found: Curves, tones: dict[str, str], folder: Path, slug: str, sheet
         grid[2][place].yaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
         grid[-1][place].xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
         grid[-1][place].set_xlabel("Iteration")
-    legend(figure, [h for h in grid[-1][0].get_lines() if not str(h.get_label()).startswith("_")])
+    lines = {str(h.get_label()): h for axes in grid[-1] for h in axes.get_lines()}
+    legend(figure, list(lines.values()))
     what = (
         "PSNR is of the middle training view throughout, loss of"
         if fixed
@@ -189,12 +227,28 @@ def _curves(found: Curves, tones: dict[str, str], folder: Path, slug: str, sheet
     )
     selected = [cell for curves in found.values() for cell, _ in curves]
     caption = (
-        findings.winners(selected, list(found), "Fewest splats", lambda cell: less(cell, "splats"))
+        findings.winners(
+            selected, list(found), "Fewest splats", lambda cell: less(cell, "splats"), "count"
+        )
         + f"Training curves; {what} each step's own view, thin as recorded, thick as a running "
-        "mean. The loss of Ours is on its own weighted scale and does not compare "
-        f"with that of 3DGS; PSNR does, on one background.{sheet}"
+        f"mean. {_comparing(dict.fromkeys(cell.key.method for cell in selected))}{sheet}"
     )
     return save(figure, folder, f"figure-curves{slug}", caption)
+
+
+def _comparing(methods: Iterable[str]) -> str:
+    """Say whose losses are weighted, and so on a scale of their own."""
+    methods = list(methods)
+    known = [method for method in methods if method in METHODS]
+    weighted = [method_name(one) for one in known if METHODS[one].weighting != "none"]
+    if len(known) < len(methods):
+        weighted.append("methods of the benchmark's own that weight it")
+    if not weighted:
+        return "Loss and PSNR compare on one background."
+    return (
+        f"The loss of {joined(weighted)} is on a weighted scale and does not compare with that "
+        "of others; PSNR does, on one background."
+    )
 
 
 def smooth(values: Sequence[float]) -> NDArray[np.float64]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from matplotlib.axes import Axes
@@ -11,11 +12,13 @@ from matplotlib.lines import Line2D
 from reports.figures import findings
 from reports.figures.plots import (
     DASHES,
-    PALETTE,
+    MARKS,
     Saved,
     colours,
+    headed,
     legend,
     less,
+    mark_of,
     mean,
     save,
     sheets,
@@ -27,7 +30,6 @@ from reports.tables.notes import where_timed
 from reports.tables.origins import machine_of, measured_on, shared_machine
 
 SLUG = "figure-trade-off"
-MARKS = {"original": "o^D", "nobg": "svP"}  # the next where methods outnumber the colours
 INCOMPARABLE = "Times are of different machines and do not compare between them."
 
 
@@ -67,6 +69,7 @@ def _trade_off(
     def quick(cell: Cell) -> float | None:
         return less(timed[cell.key], timer)
 
+    best = partial(findings.winners, selected, names)
     figure = Figure(figsize=(max(2.5 * len(names), 3.2) + 0.5, 4.8))
     grid = figure.subplots(2, len(names), squeeze=False)
     for place, name in enumerate(names):
@@ -78,7 +81,7 @@ def _trade_off(
             costs = [mean(timed[cell.key] if cost == timer else cell, cost) for cell in members]
             _scatter(axes, members, costs, metric, tones)
             axes.set_xlabel(text)
-        grid[0][place].set_title(capture_name(name))
+        headed(grid[0][place], capture_name(name))
     for axes in grid[:, 0]:
         axes.set_ylabel(label)
     legend(figure, _handles(selected, tones))
@@ -87,9 +90,9 @@ def _trade_off(
     if mixed:
         machines = f" {where_timed(selected, machine)}" if machine else f" {INCOMPARABLE}"
     caption = (
-        findings.winners(selected, names, f"Highest {label.removesuffix(' (dB)')}", quality)
-        + findings.winners(selected, names, "Smallest file", lambda cell: less(cell, "size_mb"))
-        + ("" if incomparable else findings.winners(selected, names, "Shortest training", quick))
+        best(f"Highest {label.removesuffix(' (dB)')}", quality, "db")
+        + best("Smallest file", lambda cell: less(cell, "size_mb"), "mb")
+        + ("" if incomparable else best("Shortest training", quick, "time"))
         + f"{label} on held-out views against file size and training {clock.WORDS[timer]}: up and "
         f"to the left is better. Lines join the methods on one background.{machines}{sheet}"
     )
@@ -114,19 +117,14 @@ def _scatter(
             [p[1] for p in points],
             color="#aab2bb",
             linewidth=0.9,
-            linestyle=DASHES[background],
+            linestyle=DASHES[background][0],
             zorder=1,
         )
         for x, y, method in points:
-            tone, mark = tones[method], _mark(background, method, tones)
+            tone, mark = tones[method], mark_of(background, method, tones)
             face = tone if background == "nobg" else "white"
             axes.plot(x, y, mark, color=tone, markerfacecolor=face, markersize=7, zorder=2)
     axes.margins(0.2)
-
-
-def _mark(background: str, method: str, tones: dict[str, str]) -> str:
-    shapes = MARKS[background]
-    return shapes[list(tones).index(method) // len(PALETTE) % len(shapes)]
 
 
 def _handles(selected: Sequence[Cell], tones: dict[str, str]) -> list[Line2D]:
@@ -136,7 +134,7 @@ def _handles(selected: Sequence[Cell], tones: dict[str, str]) -> list[Line2D]:
             [],
             [],
             color=tones[method],
-            marker=_mark(background, method, tones),
+            marker=mark_of(background, method, tones),
             markerfacecolor=tones[method] if background == "nobg" else "white",
             linestyle="",
             label=condition_name(background, method),

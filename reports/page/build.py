@@ -81,9 +81,8 @@ def build(
     galleries = [pictures.gallery(name, cells(one_each), artifacts_root) for name in shown]
     with plots.style():
         first = budget_figures.budget_curves(compared, out / "figures")
-    drawn = _draw(one_each, galleries, artifacts_root, out / "figures")
-    if first:  # curves say more than their largest budgets' points
-        drawn = [one for one in drawn if not one.slug.startswith(trade_off.SLUG)]
+    # curves say more than their largest budgets' points
+    drawn = _draw(one_each, galleries, artifacts_root, out / "figures", points=not first)
     overall = verdict.overall(one_each)
     judged = [*([] if overall is None else [overall]), *verdict.verdicts(one_each)]
     line = verdict.summary_line(good, planned)
@@ -113,11 +112,17 @@ def build(
 
 
 def _draw(
-    rows: Sequence[Row], galleries: Sequence[Gallery], root: Path | None, folder: Path
+    rows: Sequence[Row],
+    galleries: Sequence[Gallery],
+    root: Path | None,
+    folder: Path,
+    *,
+    points: bool,
 ) -> list[Saved]:
+    """Draw all figures; those of single ``points`` of quality and cost where they are wanted."""
     with plots.style():
         drawn = [
-            *trade_off.trade_offs(rows, folder),
+            *(trade_off.trade_offs(rows, folder) if points else ()),
             *plots.training_curves(rows, root, folder),
         ]
         pictorial = photos.all_photo_figures(galleries, cells(rows), root, folder)

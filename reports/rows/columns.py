@@ -4,6 +4,7 @@
 neither is. What metrics are called, and which way they are judged, says the table of metrics.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from mattgs_ops.score.metric_table import METRICS
@@ -114,6 +115,11 @@ def signed_text(kind: str, value: float) -> str:
     """Round as a column does, with a sign as :func:`signed` gives one."""
     shown = text(kind, abs(value))
     return shown if shown == text(kind, 0.0) else ("−" if value < 0 else "+") + shown
+
+
+def joined(parts: Sequence[str]) -> str:
+    """Join as a sentence does: a, b and c."""
+    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
 
 
 def duration(seconds: float) -> str:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from statistics import fmean, geometric_mean
 
 from reports.rows import clock, columns, statistics
-from reports.rows.columns import signed
+from reports.rows.columns import joined, signed
 from reports.rows.doubts import in_doubt
 from reports.rows.schema import (
     Cell,
@@ -118,7 +118,7 @@ def _over_all(
     ):
         positive = [ratio for ratio in ratios if ratio]
         parts += [f"{name} × {geometric_mean(positive):.2f}"] if positive else []
-    text = f"{OVER_ALL[background]}, {method_name(method)} {_and(counts)}"
+    text = f"{OVER_ALL[background]}, {method_name(method)} {joined(counts)}"
     return f"{text}; on average {', '.join(parts)}." if parts else f"{text}."
 
 
@@ -131,10 +131,6 @@ def _counts(base: str, kinds: Mapping[str, int]) -> list[str]:
     where = everywhere if len(present) == 1 else f"{count} of {total} captures"
     rest = [f"{verb} on {count}" for verb, count in present[1:]]
     return [f"{verb} {PREPOSITIONS[verb]} {method_name(base)} on {where}", *rest]
-
-
-def _and(parts: Sequence[str]) -> str:
-    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
 
 
 def verdicts(rows: Sequence[Row]) -> list[Verdict]:
@@ -155,7 +151,9 @@ def verdicts(rows: Sequence[Row]) -> list[Verdict]:
 
 def withheld(name: str, subjects: Sequence[str]) -> str:
     """Return what stands in a verdict's place where a capture is in doubt."""
-    return f"{capture_name(name)}: no verdict. Its {_and(subjects)} are in doubt: see the warnings."
+    return (
+        f"{capture_name(name)}: no verdict. Its {joined(subjects)} are in doubt: see the warnings."
+    )
 
 
 def _of_capture(name: str, selected: Sequence[Cell], timer: str) -> Verdict:

@@ -4,10 +4,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
+import pytest
+from matplotlib.figure import Figure
 from PIL import Image
 
-from reports.figures.budgets import budget_curves
+from reports.figures.budgets import _logarithmic, budget_curves
 from reports.figures.plots import style
 from reports.page.build import build
 from reports.tables.side_tables import BUDGETS, all_tables
@@ -27,6 +30,7 @@ def test_a_report_of_budgets_begins_with_their_figure_and_table(
         assert text.count("At equal size and time, against 3DGS") == 1
     assert 'id="figure-budgets"' in page
     assert "figure-trade-off" not in page, "curves replace the single points"
+    assert not list(tmp_path.rglob("figure-trade-off*")), "nor are those drawn"
     assert "3DGS ≤ 5,000" in page
     assert "largest budget" in page
     assert "not valid" not in page
@@ -57,6 +61,32 @@ def test_the_table_has_means_with_intervals_and_captures(make_row: Callable[...,
     assert mean.entries[1].best
     assert table.groups[1].lines[0].entries[1].text == "+0.50 dB"
     assert [line.label for line in table.groups[0].lines] == ["Ours+", "peer"]
+
+
+def test_times_of_several_machines_are_no_curve(
+    make_row: Callable[..., Row], tmp_path: Path
+) -> None:
+    rows = grid(make_row)
+    with style():
+        (one,) = budget_curves(rows, tmp_path / "one")
+        rows[0]["provenance"]["cpu"] = "Another CPU"
+        (two,) = budget_curves(rows, tmp_path / "two")
+    assert "over file size and training time, on" in one.caption
+    assert "over file size, on" in two.caption
+    assert "Times are left out: they are of different machines." in two.caption
+    heights = [len(plt.imread(saved.png)) for saved in (one, two)]
+    assert heights[1] < 0.7 * heights[0], "a row less"
+
+
+@pytest.mark.parametrize(
+    ("low", "high"), [(2.1, 4.9), (11, 19), (21, 29), (0.52, 0.97), (30, 47), (2.01, 10.1), (1, 80)]
+)
+def test_an_axis_has_two_labels_at_least(low: float, high: float) -> None:
+    axes = Figure().subplots()
+    axes.plot([low, high], [0, 1])
+    _logarithmic(axes)
+    ends = axes.get_xlim()
+    assert sum(ends[0] <= tick <= ends[1] for tick in axes.get_xticks()) >= 2
 
 
 def test_the_figure_draws_every_method(make_row: Callable[..., Row], tmp_path: Path) -> None:

@@ -29,10 +29,10 @@ def scene(folder: Path, agreement: dict[str, Any]) -> Scene:
 @pytest.mark.parametrize(
     ("agreement", "says"),
     [
-        ({"masks": "votes", "network": 0}, "Masks were voted on by all views."),
+        ({"masks": "votes", "network": 0}, "Masks were voted on by the training views."),
         (
             {"masks": "maps", "network": 2},
-            "all views; network 2 of the model file was heard, surely better than their mean.",
+            "by the training views; network 2 of the model file was heard, surely better than t",
         ),
         ({"none": "the photos' maps share no object"}, "Masks are the network's."),
     ],

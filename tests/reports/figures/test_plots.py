@@ -6,11 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.lines import Line2D
 from PIL import Image
 
 from mattgs_ops.errors import InputError
-from reports.figures import findings, photos, pictures, plots, trade_off
+from reports.figures import findings, photos, pictures, plots
 from reports.page import splat_view
 from reports.rows.schema import Cell, cells
 
@@ -213,19 +212,10 @@ def test_a_plots_caption_counts_captures(make_grid: Callable[..., list[Row]]) ->
     def value(cell: Cell) -> float:
         return (cell.key.method == "ours") == (cell.key.capture != "hexapod")
 
-    told = findings.winners(mine, names, "Highest", value)
+    told = findings.winners(mine, names, "Highest", value, "count")
     assert told == "Highest without background: Ours on 2 of 3, 3DGS on 1 of 3 captures. "
-    assert findings.winners(mine, ["hexapod"], "Highest", value).endswith("3DGS on Hexapod. ")
+    assert findings.winners(mine, ["hexapod"], "Highest", value, "count").endswith(
+        "3DGS on Hexapod. "
+    )
     alone = [cell for cell in mine if cell.key.method == "ours"]
-    assert findings.winners(alone, names, "Highest", value) == ""
-
-
-def test_more_methods_than_colours_still_look_different(
-    make_grid: Callable[..., list[Row]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    handles: list[Line2D] = []
-    monkeypatch.setattr(trade_off, "legend", lambda _, found: handles.extend(found))
-    methods = tuple(f"part-{number}" for number in range(18))
-    trade_off.trade_offs(make_grid(captures=("rover",), methods=methods), tmp_path)
-    looks = {(h.get_marker(), h.get_color(), h.get_markerfacecolor()) for h in handles}
-    assert len(looks) == len(handles) == 2 * len(methods)
+    assert findings.winners(alone, names, "Highest", value, "count") == ""

@@ -17,7 +17,7 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Count instead of drawing."""
     calls: list[str] = []
 
-    def draw(*_: object) -> list[Any]:
+    def draw(*_: object, **__: object) -> list[Any]:
         calls.append("drawn")
         return []
 

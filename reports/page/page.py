@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 from PIL import Image
 
 from reports.figures.pictures import Gallery, artifact, missing_pictures
@@ -98,9 +99,10 @@ def render(
     )
 
 
-def _unbroken(text: str) -> str:
-    """Keep a number, its unit and its sign on one line: 28 %, 0.5 dB, × 0.72."""
-    return re.sub(r"(?<=\d) (?=%|dB\b|px\b|seeds?\b)|(?<=×) (?=\d)", "\u00a0", text)
+def _unbroken(text: str) -> Markup:
+    """Keep a number, its unit and its sign on one line: 28 %, 0.5 dB, × 0.72; show code as code."""
+    kept = re.sub(r"(?<=\d) (?=%|dB\b|px\b|seeds?\b)|(?<=×) (?=\d)", "\u00a0", text)
+    return Markup(formats.prose(kept))
 
 
 def _text(name: str) -> str:

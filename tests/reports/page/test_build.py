@@ -87,6 +87,7 @@ def test_numbers_stay_with_their_units() -> None:
         "a 28\u00a0% smaller file, 0.5\u00a0dB and 320\u00a0px"
     )
     assert render("size × 0.72, Rover 3 of 4") == "size ×\u00a00.72, Rover 3 of 4"
+    assert render("`lpips` is <none>") == "<code>lpips</code> is &lt;none&gt;"
 
 
 def test_the_verdict_comes_first(built: Path) -> None:

@@ -13,9 +13,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from reports.page.build import build
+from reports.rows.schema import read_rows
 from tests.reports.chromium import NEEDED, Page, chromium
 
 pytestmark = NEEDED
+PROOF = Path(__file__).parents[3] / "reports" / "results" / "proof-7k"
+A4 = 718  # CSS pixels between Chromium's own margins
 
 
 @pytest.fixture(scope="module")
@@ -122,6 +126,34 @@ def test_a_phone_scrolls_tables_not_the_page(page: Page, built: Path) -> None:
     width = page.value("document.documentElement.scrollWidth")
     assert width <= 390
     assert page.value("document.querySelector('.scroll').scrollWidth") > 390
+
+
+@pytest.fixture(scope="module")
+def proof(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Build the page of committed rows, whose tables are the widest, with a file's long name."""
+    rows = [row for path in sorted(PROOF.glob("*.json")) for row in read_rows(path)]
+    out = tmp_path_factory.mktemp("proof")
+    notes = [f"no row of {'a_name_without_any_break' * 6}.json is used"]
+    return build(rows, out, title="Proof", artifacts_root=None, notes=notes)
+
+
+def test_paper_and_a_phone_hold_what_is_not_a_table(page: Page, proof: Path) -> None:
+    page.open(proof, 390, 844)
+    assert page.value("document.documentElement.scrollWidth") <= 390
+    page.open(proof, A4, 900)
+    page.send("Emulation.setEmulatedMedia", media="print")
+    wide = "[...document.querySelectorAll('table')].filter(t => t.scrollWidth > innerWidth)"
+    assert page.value(f"{wide}.map(t => t.closest('figure').id)") == []
+    page.send("Emulation.setEmulatedMedia", media="")
+
+
+def test_a_scrolled_table_still_says_whose_numbers_they_are(page: Page, proof: Path) -> None:
+    page.open(proof, 900, 900)
+    page.box("#table-differences")
+    page.value("document.querySelector('#table-differences .scroll').scrollLeft = 250")
+    for heading in ("rowgroup", "row"):
+        box = page.box(f'#table-differences tbody th[scope="{heading}"]')
+        assert 0 <= box["x"] < 200, heading
 
 
 def test_nothing_was_logged_as_an_error_and_nothing_was_requested(page: Page) -> None:

@@ -11,6 +11,8 @@ import textwrap
 from dataclasses import dataclass
 from html import escape
 
+import markupsafe
+
 TERMINAL_WIDTH = 100
 RUN = "Run"  # heading of the column of run ids
 CODE = re.compile(r"`([^`]+)`")  # settings and fields in sentences
@@ -222,7 +224,7 @@ def html(table: Table) -> str:
 
 def prose(text: str) -> str:
     """Return a sentence as HTML, what stands between backticks as code."""
-    return CODE.sub(r"<code>\1</code>", escape(text))
+    return CODE.sub(r"<code>\1</code>", str(markupsafe.escape(text)))  # as templates escape
 
 
 def _html_head(text: str) -> str:

@@ -3,12 +3,14 @@
 import time
 from pathlib import Path
 
+from flows import run_record
 from flows.services import embedded
 from mattgs_ops.errors import InputError
 from mattgs_ops.store.cleaning import Kind, Removal, clean
 from mattgs_ops.store.store import Store
 from tasks.registry import orphans, runs, summary
 from tasks.row import Row
+from tasks.stages import status
 from tasks.stages.stage import Place
 
 UNITS = ("bytes", "kB", "MB", "GB", "TB")
@@ -60,14 +62,26 @@ def _recorded(out: Path) -> bool:
 
 
 def referred(out: Path) -> set[str]:
-    """Return the keys of all artifacts that MLflow's runs and the benchmarks' rows refer to."""
+    """Return the keys of all artifacts that MLflow's runs and the benchmarks' rows refer to.
+
+    And of those that the newest run of a benchmark came to, where that has not ended.
+    """
     rows = [row for path in sorted(out.glob("benchmarks/*/rows.json")) for row in _read(path)]
     if _recorded(out):
         tracking = embedded.tracking_uri(out)
         for experiment in runs.experiments(tracking):  # of all projects: the store is shared
             rows += runs.rows_of(tracking, experiment)
     places = [place for row in rows for place in (row.get("artifacts") or {}).values()]
-    return {"/".join(Path(place).parts[:2]) for place in places}
+    return {"/".join(Path(place).parts[:2]) for place in places} | _to_be_gone_on_with(out)
+
+
+def _to_be_gone_on_with(out: Path) -> set[str]:
+    """Return the keys of the stages of runs that were interrupted: no row refers to them yet."""
+    folders = sorted((out / "benchmarks").glob("*"))
+    records = {folder.name: run_record.read(folder) for folder in folders}
+    names = [name for name, record in records.items() if record and record.state != "ended"]
+    stages = [one for name in names for one in status.read_all(Place(out, name).status)]
+    return {one.key for one in stages if one.key}
 
 
 def _read(path: Path) -> list[Row]:

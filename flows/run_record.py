@@ -9,10 +9,12 @@ import os
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Literal
+from socket import gethostname
+from typing import Any, Literal
 from uuid import uuid4
 
 from mattgs_ops.store.digests import file_digest
+from tasks.stages.status import gone
 
 FILE, ROWS = "run.json", "rows.json"
 State = Literal["running", "ended", "broken"]
@@ -22,7 +24,8 @@ State = Literal["running", "ended", "broken"]
 class RunRecord:
     """One run; ``rows`` is the digest of the rows that it wrote, ``sitting`` what it measures as.
 
-    ``sitting`` is None where speeds that are known are taken as they are.
+    ``sitting`` is None where speeds that are known are taken as they are. ``process`` is the one
+    that runs it, on ``machine``.
     """
 
     id: str
@@ -32,6 +35,8 @@ class RunRecord:
     reason: str = ""
     rows: str | None = None
     sitting: str | None = None
+    process: int = 0
+    machine: str = ""
 
 
 def begin(folder: Path, run: str | None = None, *, remeasure: bool = False) -> RunRecord:
@@ -46,7 +51,8 @@ def begin(folder: Path, run: str | None = None, *, remeasure: bool = False) -> R
     if remeasure:
         left = before is not None and before.state != "ended" and before.sitting
         sitting = left or name
-    record = RunRecord(name, "running", _now(), sitting=sitting)
+    here: dict[str, Any] = {"process": os.getpid(), "machine": gethostname()}
+    record = RunRecord(name, "running", _now(), sitting=sitting, **here)
     _write(folder, record)
     return record
 
@@ -67,6 +73,14 @@ def read(folder: Path) -> RunRecord | None:
         return RunRecord(**json.loads((folder / FILE).read_text(encoding="utf-8")))
     except (OSError, ValueError, TypeError):
         return None
+
+
+def over(folder: Path) -> bool:
+    """Whether the newest run ended, broke off or was killed; False where nothing tells."""
+    record = read(folder)
+    if record is None:
+        return False
+    return record.state != "running" or gone(record.process, record.machine)
 
 
 def problem(folder: Path, run: str | None = None) -> str:

@@ -54,8 +54,8 @@ def clean(
 ) -> None:
     """Remove stored stages that no run refers to, left work folders and idle locks.
 
-    What a running benchmark uses stays. An interrupted benchmark that is not to be gone on with
-    loses its unfinished work.
+    What a running benchmark uses stays, and the finished stages of an interrupted one. That loses
+    its unfinished work, such as a training's checkpoint.
     """
     from flows.clean import clean_up
 

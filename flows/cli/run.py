@@ -66,11 +66,11 @@ def _run(config: BenchmarkConfig, out: Path) -> bool:
 
 def _plan(place: Place, config: BenchmarkConfig) -> int:
     """Write the status of every stage of the grid, none begun; return their number."""
-    for old in place.status.glob("*.json"):
+    planned = {place.status / f"{slug(stage[1])}.json": stage for stage in stages(config)}
+    for old in set(place.status.glob("*.json")) - planned.keys():
         old.unlink(missing_ok=True)
-    planned = list(stages(config))
-    for kind, title in planned:
-        status.StatusFile(place.status / f"{slug(title)}.json").plan(title, kind)
+    for path, (kind, title) in planned.items():
+        status.StatusFile(path).plan(title, kind)
     return len(planned)
 
 
@@ -86,6 +86,9 @@ def _prepare_all(place: Place, config: BenchmarkConfig) -> None:
             prepare(place, capture, config)
         except MattgsError as error:  # a crash or a timeout, too
             problems.append(str(error))
+            title = f"prepare {capture.name}"  # which may not have begun
+            file = status.StatusFile(place.status / f"{slug(title)}.json")
+            file.end_elsewhere(title, "prepare", "failed", 0.0, str(error))
     if len(problems) == len(config.captures):
         raise InputError("\n".join(problems))
 

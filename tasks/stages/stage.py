@@ -178,21 +178,27 @@ def perform(place: Place, stage: Stage) -> Artifact:
             f"{place.version}; install the same version"
         )
     status = StatusFile(place.status / f"{slug(stage.title)}.json")
-    before = read(status.path)
-    status.begin(stage.title, stage.name)
     code = _code_version(stage.name, stage.modules, source_times())
     key = stage_key(stage.name, code, stage.parameters, stage.inputs)
+    before = read(status.path)
+    made_beside = before is not None and before.state == "running"  # by another of this run's
     try:
+        if not made_beside:
+            status.begin(stage.title, stage.name, str(key))
         with place.open_store().stage(key, resume=stage.resumes is not None) as slot:
             cached = slot.finished is not None
+            if made_beside and not cached:
+                status.begin(stage.title, stage.name, str(key))
             finished = slot.finished or _make(place, stage, slot, status)
     except Exception as error:
         status.end("failed", str(error))
         raise
-    if cached and before is not None and before.state in ("done", "cached"):
+    if not cached:
+        status.end("done")
+    elif before is not None and before.state in ("done", "cached"):
         status.restore(before)  # asked for twice in one run: the first answer says what it took
-    else:
-        status.end("cached" if cached else "done")
+    elif not made_beside:
+        status.end("cached")
     seconds = float(finished.extra["seconds"])
     how = "found in the store, it took" if cached else "done in"
     RunLog().info(f"{stage.title}: {how} {seconds:.1f} s; {finished.folder}")

@@ -4,7 +4,7 @@ One file per stage, replaced atomically::
 
     {"title": "train rover nobg-ours seed 0", "stage": "train", "state": "running",
      "done": 300, "total": 1000, "note": "24.1 dB", "started": 1763…, "updated": 1763…,
-     "process": 4711, "machine": "desk"}
+     "process": 4711, "machine": "desk", "key": "train/3f0c…"}
 
 ``state`` is ``waiting``, ``running``, ``done``, ``cached`` or ``failed``, and reads as
 ``interrupted`` where the process that ran the stage is gone; times are seconds since the epoch. A
@@ -41,6 +41,7 @@ class Status:
     updated: float = 0.0
     process: int = 0  # that sees to the stage
     machine: str = ""  # that it runs on
+    key: str = ""  # its place in the store, also of the run before until this one asks for it
 
     @property
     def seconds(self) -> float:
@@ -57,28 +58,33 @@ class StatusFile:
 
     def plan(self, title: str, stage: str) -> None:
         """State that the stage is to run."""
-        self._write(Status(title, stage))
+        before = read(self.path)
+        self._write(Status(title, stage, key="" if before is None else before.key))
 
-    def begin(self, title: str, stage: str) -> None:
+    def begin(self, title: str, stage: str, key: str = "") -> None:
         """State that the stage runs from now on."""
         now = time.time()
-        status = Status(title, stage, "running", started=now, updated=now)
+        status = Status(title, stage, "running", started=now, updated=now, key=key)
         self._write(replace(status, process=os.getpid(), machine=gethostname()))
 
     def progress(self, done: int, total: int, note: str) -> None:
-        """Take an operation's report, see ``mattgs_ops/progress.py``."""
+        """Take an operation's report, see ``mattgs_ops/progress.py``.
+
+        Of no account where another run of the same name has planned the stage anew.
+        """
         if not self._throttle.passes(done, total):
             return
         status = read(self.path)
-        if status is not None:
+        if status is not None and status.state == "running":
             self._write(replace(status, done=done, total=total, note=note, updated=time.time()))
 
     def end(self, state: State, note: str = "") -> None:
         """State how the stage ended, also where another run of the same name took its file away."""
         now = time.time()
-        status = read(self.path) or Status(self.path.stem, "", started=now)
+        status = read(self.path) or Status(self.path.stem, "")
         done = status.total if state in ("done", "cached") else status.done
-        self._write(replace(status, state=state, done=done, note=note, updated=now))
+        began = status.started or now  # nobody knows when, where it was planned anew
+        self._write(replace(status, state=state, done=done, note=note, started=began, updated=now))
 
     def end_elsewhere(
         self, title: str, stage: str, state: State, seconds: float, note: str = ""
@@ -113,8 +119,7 @@ def read(path: Path) -> Status | None:
         status = _parsed(path, file.st_mtime_ns, file.st_ino)
     except (OSError, ValueError, TypeError):
         return None
-    here = status.machine == gethostname()
-    if status.state == "running" and here and not _alive(status.process):
+    if status.state == "running" and gone(status.process, status.machine):
         return replace(status, state="interrupted")
     return status
 
@@ -126,14 +131,17 @@ def _parsed(path: Path, changed: int, node: int) -> Status:
     return Status(**json.loads(path.read_text(encoding="utf-8")))
 
 
-def _alive(process: int) -> bool:
+def gone(process: int, machine: str) -> bool:
+    """Whether a process was one of this machine's and has ended."""
+    if machine != gethostname():
+        return False
     try:
         os.kill(process, 0)
     except ProcessLookupError:
-        return False
+        return True
     except PermissionError:  # another user's
         pass
-    return True
+    return False
 
 
 def read_all(folder: Path) -> list[Status]:

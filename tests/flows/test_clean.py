@@ -8,11 +8,13 @@ from typing import Any
 
 import pytest
 
+from flows import run_record
 from flows.clean import clean_up, size
 from mattgs_ops.errors import InputError
 from mattgs_ops.store.keys import stage_key
 from mattgs_ops.store.store import Store
 from tasks.registry import runs
+from tasks.stages.status import StatusFile
 
 
 def put(out: Path, name: str) -> str:
@@ -59,6 +61,26 @@ def test_runs_and_rows_hold_on_to_their_artifacts(
     )
     left = {str(p.relative_to(tmp_path / "store")) for p in tmp_path.glob("store/train/*/files")}
     assert left == {in_rows, in_mlflow}
+
+
+def test_an_interrupted_run_keeps_what_it_finished_until_it_ends(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
+    made = put(tmp_path, "made")
+    folder = tmp_path / "benchmarks" / "b"
+    for again in range(2):  # interrupted again before it came to this stage
+        record = run_record.begin(folder)
+        file = StatusFile(tmp_path / "status" / "b" / "sfm.json")
+        file.plan("sfm rover", "sfm")
+        if not again:
+            file.begin("sfm rover", "sfm", made.removesuffix("/files"))
+            file.end("done")
+        run_record.end(folder, record, "KeyboardInterrupt")
+    assert clean_up(tmp_path, unused_hours=0, dry_run=False).startswith("Removed 0 artifacts")
+    (folder / "rows.json").write_text("[]")
+    run_record.end(folder, record)
+    assert "Removed 1 artifact," in clean_up(tmp_path, unused_hours=0, dry_run=False)
 
 
 def test_a_folder_without_a_store_is_refused(tmp_path: Path) -> None:

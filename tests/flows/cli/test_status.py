@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from flows import run_record
 from flows.cli import status
 from flows.grid import stages
 from mattgs_ops.config import BenchmarkConfig
@@ -67,6 +68,45 @@ def test_what_a_dead_process_left_is_interrupted(folder: Path) -> None:
     assert set(states(folder).values()) == {"interrupted"}
     file(folder, "sfm rover").begin("sfm rover", "sfm")
     assert set(states(folder).values()) == {"running"}
+
+
+def test_what_waits_for_a_run_that_is_over_is_interrupted(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Ctrl-C between two stages leaves no stage that is running."""
+
+    def told() -> str:
+        status.print_status(folder.parents[1], "b")
+        return capsys.readouterr().out.splitlines()[0]
+
+    end(folder, "prepare rover", "done")
+    assert told() == "Benchmark b: 2 experiments: 2 running", "without a record nothing tells"
+    benchmark = folder.parents[1] / "benchmarks" / "b"
+    record = run_record.begin(benchmark)
+    assert told() == "Benchmark b: 2 experiments: 2 running"
+    with monkeypatch.context() as killed:
+        killed.setattr(run_record, "gone", lambda process, _: process == os.getpid())
+        assert told() == "Benchmark b: 2 experiments: 2 interrupted"
+    run_record.end(benchmark, record, "KeyboardInterrupt")
+    assert told() == "Benchmark b: 2 experiments: 2 interrupted"
+
+
+def test_nothing_is_cut_at_eighty_columns(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    grid = {"name": "b", "captures": [{"name": "lattepanda"}], "budgets": [10_000]}
+    for kind, title in stages(BenchmarkConfig.model_validate(grid)):
+        file(tmp_path / "status" / "b", title).begin(title, kind)
+        file(tmp_path / "status" / "b", title).progress(1, 3, "")
+    monkeypatch.setattr(status, "NARROWEST", 80)
+    monkeypatch.setenv("COLUMNS", "80")
+    status.print_status(tmp_path, None)
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 80
+    text = " ".join(" ".join(lines).split())
+    assert text.count("…") == text.count("33 % ") == 5 + 6 * 3
+    for words in ("prepare segment sfm agree measure", "State train truth evaluate", "nobg-ours+"):
+        assert words in text
 
 
 def test_reasons_stand_below_the_table(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,11 +15,12 @@ import pytest
 from mattgs_ops.config import BenchmarkConfig, RunConfig
 from mattgs_ops.errors import StageError
 from mattgs_ops.method import MethodConfig
+from mattgs_ops.store.store import Store
 from tasks.evaluate import evaluate
 from tasks.measure import measure
 from tasks.registry.live_curves import read_points
 from tasks.row import Outcome
-from tasks.stages.stage import Artifact, Cell, Place
+from tasks.stages.stage import Artifact, Cell, Place, Stage, perform
 from tasks.stages.status import read_all
 from tasks.train import train
 from tests.tasks.waiting import wait_for
@@ -73,6 +75,41 @@ def test_an_experiment_is_trained_scored_measured_and_never_again(
     machine = place.extra(splats)["machine"]
     assert machine["threads"] == 1
     assert machine["versions"]["torch"].startswith("2.13")
+
+
+WAITING = """
+import time
+
+def until_told(arguments, out, threads, progress):
+    while not (out.parents[3] / "go").exists():
+        time.sleep(0.01)
+    (out / "made").touch()
+"""
+
+
+def test_what_two_experiments_ask_for_at_once_was_made_now_not_before(
+    place: Place, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "operations_waiting.py").write_text(WAITING)
+    monkeypatch.syspath_prepend(tmp_path)
+    stage = Stage("prepare", "truth ball nobg", "operations_waiting:until_told", {}, {}, {})
+    asked: list[Place] = []
+    real = Place.open_store
+
+    def open_store(self: Place) -> Store:
+        asked.append(self)
+        return real(self)
+
+    monkeypatch.setattr(Place, "open_store", open_store)
+    with ThreadPoolExecutor(2) as pool:
+        first = pool.submit(perform, place, stage)
+        wait_for(lambda: states(place) == {stage.title: "running"} and len(asked) == 1)
+        second = pool.submit(perform, place, stage)
+        wait_for(lambda: len(asked) == 2)
+        (place.out / "go").touch()
+        assert (first.result().cached, second.result().cached) == (False, True)
+    (status,) = read_all(place.status)
+    assert (status.state, status.key) == ("done", first.result().key)
 
 
 def test_parameters_and_inputs_make_another_result_but_the_place_of_work_does_not(

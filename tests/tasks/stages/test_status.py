@@ -67,3 +67,21 @@ def test_a_warning_stays_with_a_stage_that_ended_well(tmp_path: Path) -> None:
     assert notes == {"agree": "masks cover the frame", "train": "broken"}
     StatusFile(tmp_path / "none.json").warn("nobody ran")
     assert not (tmp_path / "none.json").exists()
+
+
+def test_a_stage_that_was_planned_anew_meanwhile_took_no_time_and_makes_no_progress(
+    tmp_path: Path,
+) -> None:
+    """Two runs of one name in one folder: the second plans the grid while the first works."""
+    file = StatusFile(tmp_path / "train.json")
+    file.begin("train a", "train", "train/1")
+    file.plan("train a", "train")
+    file.progress(10, 10, "24 dB")
+    planned = read(file.path)
+    assert planned is not None
+    assert (planned.state, planned.done, planned.key) == ("waiting", 0, "train/1")
+    file.end("done")
+    found = read(file.path)
+    assert found is not None
+    assert (found.state, found.seconds) == ("done", 0)
+    assert found.started > 0

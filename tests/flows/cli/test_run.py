@@ -1,0 +1,45 @@
+"""``mattgs run`` before its flow: what it plans, and what it tells of captures."""
+
+from pathlib import Path
+
+import pytest
+
+from flows.cli import run
+from mattgs_ops.config import BenchmarkConfig, CaptureConfig
+from mattgs_ops.errors import InputError
+from tasks.prepare import prepare
+from tasks.stages.stage import Place
+from tasks.stages.status import read_all
+
+
+def test_a_capture_that_is_not_there_is_told_before_the_others_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It fails while its files are read, before its stage begins."""
+
+    def prepared(place: Place, capture: CaptureConfig, config: BenchmarkConfig) -> None:
+        if capture.name == "lost":
+            prepare(place, capture, config)
+
+    monkeypatch.setattr(run, "prepare", prepared)
+    lost = CaptureConfig(name="lost", path=tmp_path / "nowhere")
+    config = BenchmarkConfig(captures=(CaptureConfig(name="rover"), lost))
+    place = Place(tmp_path / "out", "b")
+    run._plan(place, config)
+    run._prepare_all(place, config)
+    (told,) = [one for one in read_all(place.status) if one.state == "failed"]
+    assert told.title == "prepare lost"
+    assert str(tmp_path / "nowhere") in told.note
+    with pytest.raises(InputError, match="nowhere"):
+        run._prepare_all(place, config.model_copy(update={"captures": (lost,)}))
+
+
+def test_a_smaller_grid_of_the_same_name_leaves_no_stage_of_the_larger(tmp_path: Path) -> None:
+    place = Place(tmp_path / "out", "b")
+    large, small = (
+        BenchmarkConfig(captures=(CaptureConfig(name="rover"),), seeds=seeds)
+        for seeds in ((0, 1), (1,))
+    )
+    assert run._plan(place, large) == len(read_all(place.status))
+    assert run._plan(place, small) == len(read_all(place.status))
+    assert not [one for one in read_all(place.status) if "seed 0" in one.title]

@@ -54,10 +54,11 @@ OUTLINE = 2  # pixels that an outline may be off
 
 @dataclass(frozen=True)
 class Masks:
-    """Masks of a capture on disk, and the report on them."""
+    """Masks of a capture on disk, the report on them, and by view's name the true ones."""
 
     folder: Path
     report: MaskReport
+    true: dict[str, Path | None]
     believed: str = ""
 
 
@@ -131,7 +132,8 @@ def masks_of(
             made[kind] = delivered(capture, made["alone"], out, threads)
         else:
             config = MASKS[kind].model_copy(update={"model": model})
-            made[kind] = Masks(out, segment(capture, config, out, threads=threads))
+            report = segment(capture, config, out, threads=threads)
+            made[kind] = Masks(out, report, {view.name: view.mask for view in capture.views})
     return made
 
 
@@ -150,9 +152,12 @@ def delivered(capture: PreparedCapture, alone: Masks, out: Path, threads: int) -
         threads=threads,
     )
     shutil.copyfile(alone.folder / "masks.json", solved / "masks.json")
-    agreement = agree(scene, capture, out, threads=threads).extra.get("agreement", {})
+    agreed = agree(scene, capture, out, threads=threads)
+    agreement = agreed.extra.get("agreement", {})
     believed = str(agreement.get("none") or agreement.get("masks", "votes"))
-    return Masks(out, MaskReport.load(out / "masks.json"), believed)
+    # without the lens's distortion, as the scene's photos are
+    true = {view.name: view.coverage for view in agreed.views}
+    return Masks(out, MaskReport.load(out / "masks.json"), true, believed)
 
 
 def scores(capture: PreparedCapture, masks: Masks) -> str:
@@ -165,7 +170,7 @@ def scores(capture: PreparedCapture, masks: Masks) -> str:
     for view in capture.views:
         found, true = (
             cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-            for path in (masks.folder / "masks" / mask_name(view.name), view.mask)
+            for path in (masks.folder / "masks" / mask_name(view.name), masks.true[view.name])
         )
         if found is not None and true is not None:
             outlines.append(

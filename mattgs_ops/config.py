@@ -2,12 +2,11 @@
 
 One object is the Prefect flow's parameter, the TOML file and the command line alike. Unknown keys
 and bad values are refused by name. Nothing heavy is imported here, so that ``mattgs --help`` and
-validation are instant. Values that change results are part of a stage's key; those in
-:class:`RunConfig` (threads, workers, places) never change a result.
+validation are instant. Values that change results are part of a stage's key.
 """
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
@@ -172,7 +171,7 @@ class RunConfig(Frozen):
         0, ge=0, description="bytes that one training asks of a Dask worker's resources; 0: none"
     )
     dask_scheduler: str | None = Field(
-        None, description="tcp://… or tls://… of an existing scheduler"
+        None, pattern=r"^(tcp|tls)://\S+:\d+$", description="address of an existing scheduler"
     )
     dask_certificates: Path | None = Field(
         None, description="folder with ca.pem, cert.pem and key.pem for tls://"
@@ -189,6 +188,12 @@ class RunConfig(Frozen):
     checkpoint_copy_every: float = Field(
         600, ge=0, description="seconds between copies of a checkpoint to `store`; 0: none"
     )
+
+    @model_validator(mode="after")
+    def _certificates_are_used(self) -> "RunConfig":
+        if self.dask_certificates and not str(self.dask_scheduler).startswith("tls://"):
+            raise ValueError("dask_certificates: goes with dask_scheduler tls://HOST:PORT")
+        return self
 
 
 # Scoring all of 42 training views takes as long as a third of a training of 1,000 iterations
@@ -207,8 +212,8 @@ class BenchmarkConfig(Frozen):
     train_views: int = Field(
         0,
         ge=0,
-        description="training views that are scored beside all held-out ones, evenly spread; 0: "
-        "all, and 7 in trainings of up to 2,000 iterations",
+        description="at most so many training views, every n-th, are scored beside all held-out "
+        "ones; 0: all, and at most 7 in trainings of up to 2,000 iterations",
     )
     lpips: Path | None = Field(None, description="LPIPS's weights; none: it is not scored")
     test_every: int = Field(8, ge=2, description="every 8th view by sorted name is held out")
@@ -223,9 +228,8 @@ class BenchmarkConfig(Frozen):
     trainers: dict[Name, TrainerConfig] = Field(
         default_factory=dict, description="other programs, each a method under its name"
     )
-    budgets: tuple[int, ...] = Field(
-        (),
-        description="numbers of splats that none may exceed; every condition is run with each",
+    budgets: tuple[Annotated[int, Field(ge=FEWEST_SPLATS)], ...] = Field(
+        (), description="numbers of splats that none may exceed; every condition is run with each"
     )
     run: RunConfig = RunConfig()
 
@@ -248,20 +252,16 @@ class BenchmarkConfig(Frozen):
             raise ValueError(f"expected different ones, found {', '.join(map(str, keys))}")
         return value
 
-    @field_validator("budgets")
-    @classmethod
-    def _enough_splats(cls, value: tuple[int, ...]) -> tuple[int, ...]:
-        if value and min(value) < FEWEST_SPLATS:
-            raise ValueError(f"expected {FEWEST_SPLATS} splats at least, found {min(value)}")
-        return value
-
     @model_validator(mode="after")
     def _check_conditions(self) -> "BenchmarkConfig":
         both = sorted(self.trainers.keys() & (METHODS | self.methods).keys())
         if both:
             raise ValueError(f"trainers.{both[0]}: a method has that name; give it another")
         for text in self.conditions:
-            self.method_settings(Condition.parse(text).method)
+            try:
+                self.method_settings(Condition.parse(text).method)
+            except ValueError as error:
+                raise ValueError(f"`conditions`: {error}") from error
         return self
 
     def train_settings(self, capture: str, budget: int | None = None) -> TrainConfig:

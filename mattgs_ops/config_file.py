@@ -14,12 +14,16 @@ def describe(error: ValidationError, where: str) -> InputError:
     """Turn pydantic's report into one sentence per field, each naming field, rule and value."""
     lines = []
     for item in error.errors():
-        field = ".".join(str(part) for part in item["loc"]) or "the configuration"
-        found = "" if item["type"] == "missing" else f", found {item['input']!r}"
+        field = ".".join(str(part) for part in item["loc"])
+        rule = item["msg"].removeprefix("Value error, ")
+        ours = item["type"] == "value_error"
+        # a rule on a whole table names its field, and ours may say what they found
+        told = ours and (isinstance(item["input"], dict) or ", found " in rule)
+        found = "" if told or item["type"] == "missing" else f", found {item['input']!r}"
         if item["type"] == "extra_forbidden":
             lines.append(f"{where}: unknown key `{field}`")
         else:
-            lines.append(f"{where}: `{field}`: {item['msg'].removeprefix('Value error, ')}{found}")
+            lines.append(f"{where}: {f'`{field}`: ' if field else ''}{rule}{found}")
     return InputError("\n".join(lines))
 
 
@@ -27,7 +31,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     """Parse a TOML file; raises :class:`InputError` naming the file."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, tomllib.TOMLDecodeError) as error:
+    except (OSError, ValueError) as error:  # no file, not UTF-8, not TOML
         raise InputError(f"{path}: expected a readable TOML file: {error}") from error
 
 
@@ -40,10 +44,10 @@ def load_toml(path: Path) -> BenchmarkConfig:
     data = read_toml(path)
     captures = data.get("captures")
     for capture in captures if isinstance(captures, list) else []:
-        _place(capture, ("path", "masks"), path.parent)
-    _place(data.get("segment"), ("model",), path.parent)
-    _place(data.get("run"), ("dask_certificates",), path.parent)
-    _place(data, ("lpips",), path.parent)
+        _place(capture, ("path", "masks"), path)
+    _place(data.get("segment"), ("model",), path)
+    _place(data.get("run"), ("dask_certificates",), path)
+    _place(data, ("lpips",), path)
     segment = data.get("segment")
     model = segment.get("model") if isinstance(segment, dict) else None
     for field, file in (("lpips", data.get("lpips")), ("segment.model", model)):
@@ -59,8 +63,10 @@ def load_toml(path: Path) -> BenchmarkConfig:
         raise describe(error, str(path)) from error
 
 
-def _place(table: object, keys: tuple[str, ...], folder: Path) -> None:
-    """Make paths of a table absolute; whatever is no table or no path is validated later."""
+def _place(table: object, keys: tuple[str, ...], file: Path) -> None:
+    """Make paths of a file's table absolute; what is no table or no text is validated later."""
     for key in keys:
         if isinstance(table, dict) and isinstance(table.get(key), str):
-            table[key] = str((folder / table[key]).resolve())
+            if "\0" in table[key]:
+                raise InputError(f"{file}: `{key}`: expected a path, found {table[key]!r}")
+            table[key] = str((file.parent / table[key]).resolve())

@@ -8,6 +8,8 @@ Background = Literal["original", "nobg"]
 
 
 class Frozen(BaseModel):
-    """Base of all configuration: immutable, and no key that it does not know."""
+    """Base of all configuration: immutable, no key that it does not know, numbers finite."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", protected_namespaces=())
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", allow_inf_nan=False, protected_namespaces=()
+    )

@@ -226,7 +226,7 @@ def _read(folder: Path, file: str) -> tuple[dict[str, Any], tuple[View, ...]]:
     path = folder / file
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, json.JSONDecodeError) as error:
+    except (OSError, ValueError) as error:  # no file, no UTF-8 or no JSON
         raise InputError(f"{path}: expected a readable JSON file: {error}") from error
     if data.get("schema") != SCHEMA:
         raise InputError(f"{path}: expected schema {SCHEMA}, found {data.get('schema')!r}")

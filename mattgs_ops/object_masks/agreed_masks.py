@@ -66,12 +66,12 @@ def write(
     from afar, too.
     """
     old = {row.name: row for row in before.views}
-    truths = {view.name: view.mask for view in capture.views if capture.masks_are == "truth"}
-
     refiner = OutlineRefiner()
 
     def write_one(view: View) -> _Written:
-        own, truth, soft = old[view.name], truths.get(view.name), agreed.get(view.name)
+        own, soft = old[view.name], agreed.get(view.name)
+        # the scene's, from which the lens's distortion is gone as from its photos
+        truth = view.coverage if capture.masks_are == "truth" else None
         mask = None if soft is None else _mask(soft, view, refiner, plain_ground=plain_ground)
         return _write_view(view, out, own, soft, mask, truth)
 

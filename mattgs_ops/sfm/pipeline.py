@@ -197,6 +197,7 @@ def _report(
         "empty_masks": empty,
         "dropped": empty,  # until other views lend them a mask
         "models": answer.models,
+        "object_motion": {name: round(share, 4) for name, share in answer.object_motion.items()},
         "keypoints": {"original": whole, "masked": masked},
         "keypoint_reduction": 1 - masked / whole if whole else None,
         "keypoints_used": answer.used,

@@ -4,29 +4,31 @@ Runs in the worker process. Every step up from the usual way is recorded as a fa
 """
 
 import time
-from collections.abc import Iterator, Sequence
-from concurrent.futures import Executor, ThreadPoolExecutor
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Sequence
+from copy import deepcopy
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mattgs_ops.capture.camera import Camera
 from mattgs_ops.errors import StageError
 from mattgs_ops.progress import Progress
 from mattgs_ops.sfm.colmap import features, mapping, matching
 from mattgs_ops.sfm.colmap.features import Features
-from mattgs_ops.sfm.colmap.guided_matching import Guide
+from mattgs_ops.sfm.colmap.guides import Guides, beside, sets_of
 from mattgs_ops.sfm.colmap.job import DATABASE_FILE, KEYPOINTS_FILE, MODEL_FOLDER, Answer, Job
 from mattgs_ops.sfm.colmap.matching import Matches, Pair, Verified, partners
+from mattgs_ops.sfm.colmap.moving_object import (
+    LEAST_MATCHES,
+    MOST_EXPLAINED,
+    share_denying,
+    share_explained,
+)
 from mattgs_ops.sfm.colmap.steps import UNITS, Attempt
 from mattgs_ops.sfm.lost_views import MOST_VIEWS
 
 Pairs = dict[Pair, Verified]
-Rows = list[NDArray[np.int64]]  # some of each view's key points
-Sets = dict[str, Rows]
 
 
 def run(job: Job, progress: Progress) -> Answer:
@@ -50,14 +52,14 @@ def run(job: Job, progress: Progress) -> Answer:
     wanted = MOST_VIEWS * len(job.views)
     if len(best.registered) < wanted and not job.poses_known:
         reason = f"{len(best.registered)} of {len(job.views)} views registered"
-        again = Answer(config.mode, threads=job.threads)
+        again = Answer(best.mode, threads=job.threads)
         again.seconds, again.cpu_seconds = dict(best.seconds), dict(best.cpu_seconds)
         again.fallbacks = [*best.fallbacks, f"{reason}: more and fainter key points sought"]
         try:
             more = features.settings_for_more(config, len(job.views))
             second = Attempt(job, more, again, progress, thorough=True)
             attempt(second, better_than=best)
-            failure = None
+            again, failure = second.answer, None
         except StageError as error:
             failure = failure and error
         if len(again.registered) > len(best.registered):
@@ -132,21 +134,10 @@ def _write_keypoints(state: Attempt, found: Sequence[Features]) -> None:
     )
 
 
-def _sets(found: Sequence[Features], mode: str) -> Sets:
-    """Return the sets of key points that a mode matches, as rows of each view's key points."""
-    whole = [np.flatnonzero(f.whole) for f in found]
-    masked = [np.flatnonzero(f.masked) for f in found]
-    return {
-        "original": {"whole": whole},
-        "masked": {"masked": masked},
-        "shared": {"whole": whole, "masked": masked},
-    }[mode]
-
-
 def _match(state: Attempt, found: Sequence[Features], cameras: Sequence[Any]) -> Pairs:
     """Match by looks what poses are to come from: whole photos, or their masked key points."""
     config, job, answer = state.config, state.job, state.answer
-    name, rows = next(iter(_sets(found, answer.mode).items()))
+    name, rows = next(iter(sets_of(found, answer.mode).items()))
     descriptors = [f.descriptors[r] for f, r in zip(found, rows, strict=True)]
     with state.step("match"):
         pairs = matching.choose_pairs(descriptors, config, job.threads)
@@ -155,6 +146,7 @@ def _match(state: Attempt, found: Sequence[Features], cameras: Sequence[Any]) ->
             descriptors,
             rows,
             [f.positions for f in found],
+            [f.inside for f in found],
             cameras,
             config.seed,
             job.threads,
@@ -167,76 +159,85 @@ def _match(state: Attempt, found: Sequence[Features], cameras: Sequence[Any]) ->
     if not out:
         raise StageError(
             f"matching: none of {len(pairs)} pairs of views shows the same scene "
-            f"({matching.LEAST_MATCHES} or more consistent matches); expected overlapping "
+            f"({LEAST_MATCHES} or more consistent matches); expected overlapping "
             "photos of a textured, unmoving scene"
         )
     return out
 
 
-class Guides:
-    """The sets of key points that are matched along the epipolar lines of a model's poses."""
-
-    def __init__(
-        self, state: Attempt, found: Sequence[Features], sets: Sets, helpers: Executor | None
-    ) -> None:
-        self.state, self.found, self.sets = state, found, sets
-        self.guides = {
-            name: Guide([f.descriptors[r] for f, r in zip(found, rows, strict=True)], rows, helpers)
-            for name, rows in sets.items()
-        }
-
-    def see(self, model: Any) -> None:
-        """Take the poses of a growing model."""
-        for name, guide in self.guides.items():
-            guide.see(*self._training_views(model, self.sets[name]))
-
-    def settle(self, models: Sequence[Any]) -> None:
-        """Take the last poses of the first of ``models``; alone, it is the one that was seen."""
-        for name, guide in self.guides.items():
-            views = self._training_views(models[0], self.sets[name])
-            guide.settle(*views, same=len(models) == 1)
-
-    def finish(self) -> Iterator[dict[Pair, Matches]]:
-        """Yield each set's matches."""
-        state, answer = self.state, self.state.answer
-        for name, guide in self.guides.items():
-            with state.step("guide", guide.spent):
-                out = guide.finish(lambda *told: state.report("guide", *told))
-            answer.pairs[f"{name} guided"] = guide.pairs
-            answer.matches[f"{name} guided"] = sum(map(len, out.values()))
-            yield out
-
-    def _training_views(
-        self, model: Any, rows: Rows
-    ) -> tuple[dict[int, Camera], dict[int, NDArray[np.float64]]]:
-        """Return a model's training views and the rays of their key points ``rows``."""
-        views, found = self.state.job.views, self.found
-        cameras = {n: c for n, c in mapping.posed(model).items() if not views[n].held_out}
-        return cameras, {n: mapping.rays_of(model, n, found[n].positions[rows[n]]) for n in cameras}
-
-
-def _helpers(threads: int) -> AbstractContextManager[Executor | None]:
-    """Return the threads that work beside this one."""
-    return ThreadPoolExecutor(threads - 1) if threads > 1 else nullcontext()
-
-
 def _reconstruct(state: Attempt, found: Sequence[Features]) -> Any:
     """Find poses where they are not known, then points, from training views alone."""
-    job, mode = state.job, state.answer.mode
-    positions = [f.positions for f in found]
+    job = state.job
     cameras = mapping.build_cameras(job.views, state.config)
+    pairs = {} if job.poses_known else _match(state, found, cameras)
+    if state.answer.mode == "shared":
+        sides = [max(view.width, view.height) for view in job.views]
+        if matching.stand_still(pairs, [f.positions for f in found], sides):
+            return _of_object(state, found, "most matches do not move")
+        return _of_whole_or_object(state, found, pairs, cameras)
+    return _place(state, found, pairs, cameras)
+
+
+def _of_object(state: Attempt, found: Sequence[Features], reason: str) -> Any:
+    """Reconstruct from the key points inside masks alone."""
+    state.answer.mode = "masked"
+    state.answer.fallbacks.append(f"{reason}: poses from inside masks alone")
+    return _reconstruct(state, [f.of_mode("masked") for f in found])
+
+
+def _of_whole_or_object(
+    state: Attempt, found: Sequence[Features], pairs: Pairs, cameras: Sequence[Any]
+) -> Any:
+    """Reconstruct from whole photos, and where that fails the object, from the object alone.
+
+    Returns the model that explains more of the object's matches; ``state`` has the answer of that
+    one, with the seconds of both.
+    """
+    before, positions = deepcopy(state.answer), [f.positions for f in found]
+    witnesses = {pair: one.on_object for pair, one in pairs.items() if one.on_object is not None}
+
+    def explained(model: Any, *, placed_only: bool = False) -> float:
+        return share_explained(
+            witnesses,
+            mapping.posed(model),
+            lambda view, rows: mapping.rays_of(model, view, positions[view][rows]),
+            placed_only=placed_only,
+        )
+
+    motion, model, failure = {"denying": share_denying(witnesses)}, None, None
+    try:
+        model = _place(state, found, pairs, cameras)
+        motion["shared"] = explained(model)
+    except StageError as error:
+        failure = error
+    if model is None or explained(model, placed_only=True) < MOST_EXPLAINED:
+        # clocks run on, whichever way is taken
+        before.seconds, before.cpu_seconds = state.answer.seconds, state.answer.cpu_seconds
+        alone = replace(state, answer=before)
+        try:
+            other = _of_object(alone, found, "the object moves against its surroundings")
+            motion["masked"] = explained(other)
+        except StageError as error:
+            failure = failure or error
+        if motion.get("masked", -1.0) > motion.get("shared", -1.0):
+            model, state.answer = other, alone.answer
+    if model is None:
+        assert failure is not None
+        raise failure
+    state.answer.object_motion = motion
+    return model
+
+
+def _place(state: Attempt, found: Sequence[Features], pairs: Pairs, cameras: Sequence[Any]) -> Any:
+    """Find poses from matched pairs where they are not known, then points."""
+    job = state.job
+    positions = [f.positions for f in found]
     database, photos = state.folder / DATABASE_FILE, Path(job.views[0].photo).parent
     known = all(view.intrinsics is not None for view in job.views)
     options = mapping.pipeline_options(state.config, intrinsics_known=known)
-    pairs = {} if job.poses_known else _match(state, found, cameras)
-    sides = [max(view.width, view.height) for view in job.views]
-    if mode == "shared" and matching.stand_still(pairs, positions, sides):
-        state.answer.mode = "masked"
-        state.answer.fallbacks.append("most matches do not move: poses from inside masks alone")
-        return _reconstruct(state, [f.of_mode("masked") for f in found])
-    sets = _sets(found, mode)
+    sets = sets_of(found, state.answer.mode)
     matches: dict[Pair, Matches] = {}
-    with _helpers(job.threads) as helpers:
+    with beside(job.threads) as helpers:
         if job.poses_known:
             model = mapping.with_poses(job.views, cameras)
             guides = Guides(state, found, sets, helpers)
@@ -282,6 +283,7 @@ def _map(
         if models:
             guides.settle(models)
             mapping.adjust(models[0], intrinsics_known=known)
+            mapping.check_lenses(models[0])
     if not models:
         raise StageError(
             "structure-from-motion: no two views could be placed relative to each other; expected "

@@ -88,6 +88,9 @@ class Answer:
     components: list[list[str]] = field(default_factory=list)  # views by model, largest first
     # by view: photos that match it after verification with their inliers, best first
     partners: dict[str, list[tuple[str, int]]] = field(default_factory=dict)
+    # pairs that deny their whole photos, and pairs that the poses of each mode explain: shares of
+    # the pairs that show the object (moving_object)
+    object_motion: dict[str, float] = field(default_factory=dict)
     models: int = 0
     points: int = 0
     mapped_points: int = 0  # before points were triangulated again with poses held fixed

@@ -212,6 +212,24 @@ def adjust(model: Any, *, intrinsics_known: bool) -> None:
     pycolmap.bundle_adjustment(model, options)
 
 
+def check_lenses(model: Any) -> None:
+    """Raise :class:`StageError` where a lens came out that no camera has, by COLMAP's own bounds.
+
+    Poses beside such a lens are wrong too, however well they explain the matches.
+    """
+    import pycolmap
+
+    bounds = pycolmap.IncrementalPipelineOptions()
+    limits = bounds.min_focal_length_ratio, bounds.max_focal_length_ratio, bounds.max_extra_param
+    for lens in model.cameras.values():
+        if lens.has_bogus_params(*limits):
+            raise StageError(
+                f"structure-from-motion: the lens came out as {lens.model.name} with "
+                f"{lens.params_to_string()}, which no camera has; expected photos from different "
+                "positions of an unmoving scene"
+            )
+
+
 def with_poses(views: Sequence[JobView], cameras: Sequence[Any]) -> Any:
     """Return a reconstruction without points from views with given poses."""
     import pycolmap

@@ -8,7 +8,7 @@ nor the number of threads changes a match. Verification is COLMAP's, seeded. Wor
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
 
@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 from mattgs_ops.capture.camera import Camera
 from mattgs_ops.config import SfmConfig
 from mattgs_ops.sfm.colmap import _descriptors
+from mattgs_ops.sfm.colmap.moving_object import LEAST_MATCHES, ObjectMatches, object_matches
 
 Pair = tuple[int, int]
 Matches = NDArray[np.uint32]  # [M, 2] rows of the two views' key points
 
 RATIO, FARTHEST = 0.8, 0.7  # COLMAP's defaults: Lowe's ratio, and the largest angle in radians
 DESCRIPTOR_LENGTH = 512.0  # SIFT descriptors are unit vectors times 512, rounded
-LEAST_MATCHES = 15  # COLMAP's default for keeping a pair
 OVERLAP = 10  # neighbours in a sequence that are always compared
 # Pairs per view chosen by similarity, beside a sequence's and where nothing else chooses. On the
 # bundled hexapod 24 hold 87 % of all matches in two fifths of the pairs, 12 hold 71 %.
@@ -37,10 +37,11 @@ STILL_SHARE = 2 / 480  # of the longest side: what moves less is in the same pla
 
 @dataclass(frozen=True)
 class Verified:
-    """A pair's geometry as COLMAP estimates it, and its inlier matches [M, 2]."""
+    """A pair's geometry as COLMAP estimates it, its inlier matches [M, 2], and the object's."""
 
     geometry: Any  # pycolmap.TwoViewGeometry
     matches: Matches
+    on_object: ObjectMatches | None = None
 
 
 def stand_still(
@@ -155,6 +156,7 @@ def match_and_verify(
     descriptors: Sequence[NDArray[np.uint8]],
     rows: Sequence[NDArray[np.int64]],
     positions: Sequence[NDArray[np.float64]],
+    inside: Sequence[NDArray[np.bool_]],
     cameras: Sequence[Any],
     seed: int,
     threads: int,
@@ -163,31 +165,41 @@ def match_and_verify(
     """Match pairs and keep what one epipolar geometry explains; the same for any ``threads``.
 
     Per view, ``descriptors`` [S, 128] belong to the key points ``rows`` [S] of all its key points
-    ``positions`` [K, 2] (pixels); matches are numbered among all. ``cameras`` are pycolmap's. Pairs
-    with fewer than 15 inliers are left out; where nothing matches, all are.
+    ``positions`` [K, 2] (pixels), which lie on the object or not (``inside`` [K]); matches are
+    numbered among all. ``cameras`` are pycolmap's. Pairs with fewer than 15 inliers are left out;
+    where nothing matches, all are.
     """
     import pycolmap
+
+    def verified(pair: Pair, matches: Matches) -> Verified:
+        i, j = pair
+        options = _options(len(matches), seed)
+        geometry = pycolmap.estimate_two_view_geometry(
+            cameras[i], positions[i], cameras[j], positions[j], matches, options
+        )
+        inliers = np.asarray(geometry.inlier_matches, dtype=np.uint32).reshape(-1, 2)
+        return Verified(geometry, inliers)
 
     def one(pair: Pair) -> Verified | None:
         i, j = pair
         matches = match(descriptors[i], descriptors[j])
-        count = len(matches)
-        if count < LEAST_MATCHES:
+        if len(matches) < LEAST_MATCHES:
             return None
         matches = numbered(matches, rows[i], rows[j])
-        geometry = pycolmap.estimate_two_view_geometry(
-            cameras[i], positions[i], cameras[j], positions[j], matches, _options(count, seed)
-        )
-        inliers = np.asarray(geometry.inlier_matches, dtype=np.uint32).reshape(-1, 2)
-        return Verified(geometry, inliers) if len(inliers) >= LEAST_MATCHES else None
+        found = verified(pair, matches)
+        if len(found.matches) < LEAST_MATCHES:
+            return None
+        sides = inside[i], inside[j]
+        its = object_matches(matches, found.matches, sides, lambda m: verified(pair, m).matches)
+        return replace(found, on_object=its)
 
     out: dict[Pair, Verified] = {}
     with ThreadPoolExecutor(threads) as pool:
-        for done, (pair, verified) in enumerate(
+        for done, (pair, found) in enumerate(
             zip(pairs, pool.map(one, pairs), strict=True), start=1
         ):
-            if verified is not None:
-                out[pair] = verified
+            if found is not None:
+                out[pair] = found
             progress(done, len(pairs), f"{len(out)} of {done} pairs match")
     return out
 

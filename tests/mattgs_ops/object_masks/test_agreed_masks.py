@@ -1,5 +1,6 @@
 """What the delivered masks are cut by: the outline's network, asked as it was trained."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -47,3 +48,25 @@ def test_the_network_sees_red_photos_as_red_and_from_afar_on_plain_ground(
     agreed_masks.write(scene, capture, tmp_path, report, agreed, {}, plain_ground=plain, threads=1)
     looks = ["afar", "near"] if plain else ["near"]
     assert watching.asked == [(look, RED[::-1]) for _ in scene.views for look in looks]
+
+
+def test_masks_are_scored_by_the_truth_without_the_lens_s_distortion(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(agreed_masks, "OutlineRefiner", Watching)
+    maps = [truth(camera) for camera in orbit()]
+    photos = [np.full((HEIGHT, WIDTH, 3), RED, np.uint8) for _ in maps]
+    scene, capture = solved(tmp_path, "u2net", maps, photos)
+    views = []
+    for view in scene.views:
+        assert view.mask is not None
+        true = tmp_path / f"true-{view.name}.png"
+        true.write_bytes(view.mask.read_bytes())
+        views.append(replace(view, coverage=true))
+    distorted = [replace(view, mask=view.photo) for view in capture.views]  # all else than true
+    scene = replace(scene, views=tuple(views))
+    capture = replace(capture, masks_are="truth", views=tuple(distorted))
+    report = MaskReport.load(tmp_path / "masks.json")
+    agreed = {view.name: soft for view, soft in zip(scene.views, maps, strict=True)}
+    agreed_masks.write(scene, capture, tmp_path, report, agreed, {}, plain_ground=False, threads=1)
+    assert MaskReport.load(tmp_path / "masks.json").means()["iou"] > 0.95

@@ -35,6 +35,32 @@ def test_poses_come_from_the_object_where_all_else_stands_still(
     assert scene.extra["registered"] >= 8
 
 
+def test_poses_come_from_the_object_where_it_moves_against_the_room(
+    copied: Copy, tmp_path: Path
+) -> None:
+    """A turntable before a camera in a hand: the room moves too, but otherwise."""
+    capture = copied()
+    room = print_texture(np.random.default_rng(5), 400, 900)
+    for number, view in enumerate(capture.views):
+        assert view.mask is not None
+        photo = read_rgb(view.photo)
+        around = read_map(view.mask) == 0
+        left, top = 4 * number, 3 * (number % 5)
+        shown = room[top : top + view.height, left : left + view.width]
+        photo[around] = shown[around].astype(np.uint8)
+        cv2.imwrite(str(view.photo), photo)
+    masks = capture.views[0].mask
+    assert masks is not None
+    scene = sfm.reconstruct(capture, masks.parent, SfmConfig(), tmp_path / "out")
+    motion = scene.extra["object_motion"]
+    assert motion["masked"] > 0.9 > motion.get("shared", 0.0)
+    assert scene.extra["mode"] == "masked"
+    reason = "the object moves against its surroundings: poses from inside masks alone"
+    assert scene.extra["fallbacks"][0] == reason
+    assert scene.extra["registered"] >= 8
+
+
 def test_a_camera_that_walks_keeps_the_whole_photo(box_scene: Scene) -> None:
     assert box_scene.extra["mode"] == "shared"
     assert not box_scene.extra["fallbacks"]
+    assert box_scene.extra["object_motion"]["denying"] < 0.1

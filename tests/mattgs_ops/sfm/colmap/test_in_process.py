@@ -31,6 +31,7 @@ pairs = matching.match_and_verify(
     [f.descriptors for f in found],
     [np.arange(len(f.inside)) for f in found],
     [f.positions for f in found],
+    [f.inside for f in found],
     mapping.build_cameras(views, config),
     0,
     threads,

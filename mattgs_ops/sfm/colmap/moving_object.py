@@ -1,0 +1,107 @@
+"""Whether the object moves against what surrounds it, as on a turntable before a camera.
+
+Whole photos then show two motions. Poses that follow the surroundings, or mix both, are wrong for
+the object, and nothing in a reconstruction's own numbers says so. The witnesses here are the
+object's matches, those between key points inside masks: a pair *denies* the geometry of its whole
+photos when a geometry of the object alone explains more than twice as many of them. Worker process
+only.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mattgs_ops.capture.camera import Camera
+
+Pair = tuple[int, int]
+Matches = NDArray[np.uint32]  # [M, 2] rows of the two views' key points
+Floats = NDArray[np.float64]
+
+LEAST_MATCHES = 15  # COLMAP's default for keeping a pair
+LARGEST_ERROR = 4.0  # pixels from an epipolar line: COLMAP's default of two views' geometry
+# Of the pairs that show the object and whose views are placed. Repeated parts match wrongly where
+# all stands still, too: right poses explain 0.90 on a bundled capture. Below this share poses from
+# the object alone are tried as well, and whichever explain more are taken.
+MOST_EXPLAINED = 0.75
+
+
+@dataclass(frozen=True)
+class ObjectMatches:
+    """A pair's matches on the object [M, 2]; ``deny``: the whole photos' geometry is not theirs."""
+
+    matches: Matches
+    deny: bool
+
+
+def object_matches(
+    matches: Matches,
+    inliers: Matches,
+    inside: tuple[NDArray[np.bool_], NDArray[np.bool_]],
+    verify: Callable[[Matches], Matches],
+) -> ObjectMatches | None:
+    """Return what a pair's matches say of the object; None where they are too few.
+
+    ``inliers`` [N, 2] are those of all ``matches`` [M, 2] that the whole photos' geometry explains;
+    ``inside`` says of both views' key points whether they lie on the object. ``verify`` returns
+    the inliers of a geometry of its own. It is asked only where the whole photos' explains less
+    than half of the object's matches.
+    """
+    its, explained = (m[inside[0][m[:, 0]] & inside[1][m[:, 1]]] for m in (matches, inliers))
+    if 2 * len(explained) >= len(its):
+        return ObjectMatches(explained, deny=False) if len(explained) >= LEAST_MATCHES else None
+    own = verify(its) if len(its) >= LEAST_MATCHES else its[:0]
+    if len(own) < LEAST_MATCHES:
+        return None
+    rows = {tuple(match) for match in explained.tolist()}
+    shared = sum(tuple(match) in rows for match in own.tolist())
+    return ObjectMatches(own, deny=2 * shared < len(own))
+
+
+def share_denying(found: Mapping[Pair, ObjectMatches]) -> float:
+    """Return the share of the pairs with the object that deny their whole photos; 0 of none."""
+    return sum(one.deny for one in found.values()) / max(len(found), 1)
+
+
+def share_explained(
+    found: Mapping[Pair, ObjectMatches],
+    cameras: Mapping[int, Camera],
+    rays: Callable[[int, NDArray[np.uint32]], Floats],
+    *,
+    placed_only: bool = False,
+) -> float:
+    """Return the share of pairs of which poses explain half of the object's matches.
+
+    ``cameras`` are the views that have a pose, ``rays`` returns key points of a view, named by
+    their rows, on its normalised image plane. Pairs with a view that has no pose are not explained,
+    or left out (``placed_only``). 1 without any pair.
+    """
+    placed = [pair for pair in found if set(pair) <= set(cameras)]
+    explained = 0
+    for pair in placed:
+        matches = found[pair].matches
+        here, there = (rays(view, matches[:, side]) for side, view in enumerate(pair))
+        error = epipolar_error(cameras[pair[0]], cameras[pair[1]], here, there)
+        explained += 2 * int((error < LARGEST_ERROR).sum()) >= len(error)
+    among = len(placed) if placed_only else len(found)
+    return explained / among if among else 1.0
+
+
+def epipolar_error(first: Camera, second: Camera, here: Floats, there: Floats) -> Floats:
+    """Return Sampson's distance [M] in pixels of matches from two poses' epipolar geometry.
+
+    ``here`` and ``there`` [M, 2] are matches on the normalised image planes of both cameras.
+    Infinite where the cameras stand in one place. Hartley and Zisserman 2004, eq. 11.9.
+    """
+    rotation = second.rotation @ first.rotation.T
+    x, y, z = second.translation - rotation @ first.translation
+    essential = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ rotation
+    one, other = (np.pad(rays, ((0, 0), (0, 1)), constant_values=1.0) for rays in (here, there))
+    lines, back = one @ essential.T, other @ essential
+    steepness = (lines[:, :2] ** 2).sum(axis=1) + (back[:, :2] ** 2).sum(axis=1)
+    distance = np.abs((other * lines).sum(axis=1))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        error = np.where(steepness > 0, distance / np.sqrt(steepness), np.inf)
+    focal = np.mean([camera.intrinsics.fx for camera in (first, second)])
+    return np.asarray(error * focal, dtype=np.float64)

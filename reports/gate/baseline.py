@@ -18,10 +18,10 @@ no calibration; version 1 held ``schema``, ``name`` and ``rows`` only.
 
 import hashlib
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
-from math import sqrt
 from pathlib import Path
 from statistics import fmean, median
 from typing import Any
@@ -37,7 +37,15 @@ SCHEMA = 3
 FOLDER = Path(__file__).with_name("baselines")
 DROPPED = ("artifacts", "seconds")  # say where things lay on one disk, not what came out
 MADE_BY = ("code_version", "git", "config_digest", "inputs")
-FIELDS = {"name", "protocol", "machine", "made_by", "calibration", "noise", "rows_digest"}
+FIELDS: dict[str, Any] = {  # of this version, besides rows: their types
+    "name": str,
+    "protocol": int,
+    "machine": dict,
+    "made_by": dict,
+    "calibration": int | float | None,
+    "noise": dict,
+    "rows_digest": str,
+}
 TRAIN_FIELDS = ("view", "split")  # training views matter by name only
 
 
@@ -97,7 +105,7 @@ def _origin(rows: Sequence[Row]) -> tuple[dict[str, Any], dict[str, Any], float 
 
     made_by: dict[str, Any] = {name: occurring(name) for name in MADE_BY}
     made_by["digest"] = digest([made_by])
-    workloads = [seconds(row.get("metrics", {}).get("calibration")) for row in rows]
+    workloads = [seconds((row.get("metrics") or {}).get("calibration")) for row in rows]
     workloads += [seconds(origin.get("calibration")) for origin in origins]
     measured = [value for value in workloads if value is not None]
     return (
@@ -132,7 +140,7 @@ def measured_noise(runs: Sequence[Sequence[Row]]) -> dict[str, float]:
             "numbers to the bit, which measure none"
         )
     return {
-        name: round(sqrt(fmean(changes_squared) / 2), 6)
+        name: round(math.sqrt(fmean(changes_squared) / 2), 6)
         for name, changes_squared in sorted(squares.items())
     }
 
@@ -161,14 +169,12 @@ def load(place: str | Path) -> Baseline:
         path = FOLDER / f"{place}.json"
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, json.JSONDecodeError) as error:
+    except (OSError, ValueError) as error:  # no file, no UTF-8 or no JSON
         names = ", ".join(sorted(p.stem for p in FOLDER.glob("*.json"))) or "none"
         message = f"{path}: expected a readable baseline ({error}); committed ones: {names}"
         raise InputError(message) from error
     document = migrate(document, str(path))
-    rows = tuple(
-        checked_row(row, f"{path}: row {index}") for index, row in enumerate(document["rows"])
-    )
+    rows = tuple(document["rows"])
     if digest(rows) != document["rows_digest"]:
         raise InputError(f"{path}: its rows are not those it was made of (digest differs)")
     return Baseline(
@@ -183,20 +189,50 @@ def load(place: str | Path) -> Baseline:
 
 
 def migrate(document: Any, where: str) -> dict[str, Any]:
-    """Bring a document of any known schema to the present one."""
+    """Bring a document of any known schema to the present one.
+
+    Raises :class:`InputError` naming ``where`` for what is no baseline.
+    """
     if not isinstance(document, dict) or not isinstance(document.get("rows"), list):
         raise InputError(f"{where}: expected a baseline with `rows`")
     version = document.get("schema")
     if not isinstance(version, int) or not 1 <= version <= SCHEMA:
         raise InputError(f"{where}: expected schema 1 to {SCHEMA}, found {version!r}")
+    _check_parts(document, where)
     while version < SCHEMA:
         document = _MIGRATIONS[version](document)
         version += 1
     migrated: dict[str, Any] = document
-    missing = FIELDS - migrated.keys()
+    missing = FIELDS.keys() - migrated.keys()
     if missing:
         raise InputError(f"{where}: expected {', '.join(sorted(missing))}, found none")
+    odd = [name for name, kind in FIELDS.items() if not isinstance(migrated[name], kind)]
+    if odd:
+        found = ", ".join(f"`{name}` {migrated[name]!r}" for name in odd)
+        raise InputError(f"{where}: expected values as of a baseline, found {found}")
     return migrated
+
+
+def _check_parts(document: dict[str, Any], where: str) -> None:
+    """Refuse rows and noise that neither migrations nor the gate can read."""
+    for index, row in enumerate(document["rows"]):
+        checked_row(row, f"{where}: row {index}")
+        for name in ("metrics", "provenance"):
+            if not isinstance(row.get(name), dict | None):
+                found = type(row[name]).__name__
+                raise InputError(
+                    f"{where}: row {index}: `{name}`: expected an object, found {found}"
+                )
+    noise = document.get("noise", {})
+    values = noise.values() if isinstance(noise, dict) else [None]
+    if not all(isinstance(one, int | float) and math.isfinite(one) and one >= 0 for one in values):
+        raise InputError(
+            f"{where}: `noise`: expected a number of 0 or more for each metric, found {noise!r}"
+        )
+    try:
+        digest([document])
+    except ValueError as error:
+        raise InputError(f"{where}: expected finite numbers alone: {error}") from error
 
 
 def _from_1(document: dict[str, Any]) -> dict[str, Any]:

@@ -93,7 +93,7 @@ def read_rows(path: Path) -> list[Row]:
     """
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, json.JSONDecodeError) as error:
+    except (OSError, ValueError) as error:  # no file, no UTF-8 or no JSON
         raise InputError(f"{path}: expected a readable JSON file of rows: {error}") from error
     rows = data.get("rows") if isinstance(data, dict) else data
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):

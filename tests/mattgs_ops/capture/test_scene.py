@@ -65,6 +65,12 @@ def test_a_file_of_another_schema_is_refused_by_name(tmp_path: Path) -> None:
         PreparedCapture.load(tmp_path)
 
 
+def test_bytes_that_are_no_text_are_refused_by_name(tmp_path: Path) -> None:
+    (tmp_path / "capture.json").write_bytes('{"name": "Gerät"}'.encode("latin-1"))
+    with pytest.raises(InputError, match=r"capture\.json: expected a readable JSON file.*utf-8"):
+        PreparedCapture.load(tmp_path)
+
+
 @pytest.mark.parametrize(
     ("change", "says"),
     [

@@ -1,6 +1,7 @@
 """Baselines: read back what was written, notice edits, and come up from older schemas."""
 
 import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -96,6 +97,16 @@ def test_what_made_it_has_a_digest(make_grid: Callable[..., list[Row]]) -> None:
     assert first["digest"] != second["digest"]
 
 
+def test_the_calibration_is_the_median_over_rows(make_row: Callable[..., Row]) -> None:
+    rows = [make_row("rover", "nobg", "3dgs", seed) for seed in range(3)]
+    for row, seconds in zip(rows, (0.5, 0.6, 9.0), strict=True):
+        row["provenance"] |= {"calibration": {"seconds": seconds}}
+    assert baseline.make(rows, "quick").calibration == 0.6
+    for row in rows:
+        row["provenance"]["calibration"] = None
+    assert baseline.make(rows, "quick").calibration is None
+
+
 def test_noise_is_how_runs_of_the_same_code_differ(make_row: Callable[..., Row]) -> None:
     def run(shift: float) -> list[Row]:
         row = make_row("rover", "nobg", "3dgs")
@@ -113,6 +124,22 @@ def test_noise_is_how_runs_of_the_same_code_differ(make_row: Callable[..., Row])
         baseline.measured_noise([run(0.0), run(0.0)])
 
 
+def test_noise_is_a_root_mean_square_over_seeds_and_pairs_of_runs(
+    make_row: Callable[..., Row],
+) -> None:
+    def run(*shifts: float) -> list[Row]:
+        rows = [make_row("rover", "nobg", "3dgs", seed) for seed in range(len(shifts))]
+        for row, shift in zip(rows, shifts, strict=True):
+            for view in row["per_view"]:
+                view["psnr"] += shift
+        return rows
+
+    noise = baseline.measured_noise([run(0.0, 0.0), run(0.3, 0.0), run(0.0, 0.1)])
+    # of the six changes, two seeds in three pairs of runs, two are none
+    mean_square = (0.3**2 + 0.1**2 + 0.3**2 + 0.1**2) / 4
+    assert noise["psnr"] == pytest.approx((mean_square / 2) ** 0.5, abs=1e-6)
+
+
 def test_a_baseline_made_anew_keeps_its_noise(
     make_grid: Callable[..., list[Row]], tmp_path: Path
 ) -> None:
@@ -123,6 +150,13 @@ def test_a_baseline_made_anew_keeps_its_noise(
     assert baseline.kept_noise(path, "other") == {}
 
 
+def text_of(rows: object, **changes: object) -> str:
+    """Return the text of a baseline of this version whose rows, or more, may be anything."""
+    digest = baseline.digest([])
+    made = vars(baseline.Baseline("b", ())) | {"schema": baseline.SCHEMA, "rows_digest": digest}
+    return json.dumps(made | {"rows": rows} | changes, ensure_ascii=False)
+
+
 @pytest.mark.parametrize(
     ("text", "word"),
     [
@@ -131,11 +165,23 @@ def test_a_baseline_made_anew_keeps_its_noise(
         ('{"schema": 4, "rows": []}', "schema 1 to 3, found 4"),
         ('{"schema": "2", "rows": []}', "found '2'"),
         ('{"schema": 2, "rows": []}', "expected name, noise, protocol"),
+        (text_of([], name="Gerät"), "'utf-8' codec can't decode"),
+        ('{"schema": 1, "rows": [3]}', "row 0: expected a row, found int"),
+        ('{"schema": 1, "rows": [{"provenance": []}]}', "row 0: `provenance`: expected an object"),
+        ('{"schema": 1, "rows": [{"psnr": NaN}]}', "expected finite numbers"),
+        (text_of([3]), "row 0: expected a row, found int"),
+        (text_of([{"psnr": math.nan}]), "expected finite numbers"),
+        (text_of([], calibration=math.inf), "expected finite numbers"),
+        (text_of([], calibration="fast"), "found `calibration` 'fast'"),
+        (text_of([], noise="much"), "`noise`: expected a number of 0 or more"),
+        (text_of([], noise={"psnr": "0.1"}), "`noise`: expected a number of 0 or more"),
+        (text_of([], noise={"psnr": -0.1}), "`noise`: expected a number of 0 or more"),
+        (text_of([], noise={"psnr": math.nan}), "`noise`: expected a number of 0 or more"),
     ],
 )
 def test_what_is_no_baseline_is_refused_by_name(tmp_path: Path, text: str, word: str) -> None:
     path = tmp_path / "b.json"
-    path.write_text(text)
+    path.write_bytes(text.encode("latin-1"))
     with pytest.raises(InputError, match=r"b\.json") as caught:
         baseline.load(path)
     assert word in str(caught.value)
@@ -159,7 +205,9 @@ def test_a_run_of_which_nothing_finished_makes_no_baseline(make_row: Callable[..
     failed = make_row("rover", "nobg", "3dgs", status="failed", reason="train: out of memory")
     with pytest.raises(InputError, match="failed: train: out of memory"):
         baseline.make([failed], "quick")
-    assert len(baseline.make([failed, make_row("rover", "nobg", "ours")], "quick").rows) == 2
+    finished = make_row("rover", "nobg", "ours")
+    for one in (failed, failed | {"metrics": None, "per_view": None, "provenance": None}):
+        assert len(baseline.make([one, finished], "quick").rows) == 2
 
 
 def test_every_committed_baseline_can_be_read() -> None:

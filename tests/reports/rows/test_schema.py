@@ -126,3 +126,10 @@ def test_rows_are_read_from_a_list_or_an_object(tmp_path: Path) -> None:
     path.write_text('{"rows": 3}')
     with pytest.raises(InputError, match=r"rows\.json"):
         schema.read_rows(path)
+
+
+def test_bytes_that_are_no_text_are_refused_by_name(tmp_path: Path) -> None:
+    path = tmp_path / "rows.json"
+    path.write_bytes('[{"capture": "Gerät"}]'.encode("latin-1"))
+    with pytest.raises(InputError, match=r"rows\.json: expected a readable JSON file of rows"):
+        schema.read_rows(path)

@@ -57,7 +57,7 @@ def benchmark_config(file: Path | None, options: Mapping[str, Any]) -> Benchmark
 
 def words(text: str | None) -> tuple[str, ...] | None:
     """Split ``a,b c`` at commas and blanks; None stays None."""
-    return None if text is None else tuple(re.split(r"[,\s]+", text.strip(", ")))
+    return None if text is None else tuple(re.findall(r"[^,\s]+", text))
 
 
 def numbers(text: str | None, option: str) -> tuple[int, ...] | None:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from mattgs_ops.config import RunConfig
-from mattgs_ops.errors import InputError, StageError
+from mattgs_ops.errors import InputError
 from tasks.stages.stage import PACKAGE, code_versions, own_version
 
 WORKER_IMPORTS = "tasks.prefect_tasks"
@@ -112,10 +112,6 @@ def _certificates(run: RunConfig) -> Iterator[None]:
             )
         yield
         return
-    if not encrypted:
-        raise InputError(
-            f"--dask-certificates: goes with --dask-scheduler {TLS}HOST:PORT, found {address}"
-        )
     files = {name: run.dask_certificates / file for name, file in CERTIFICATES.items()}
     for path in files.values():
         if not path.is_file():
@@ -146,7 +142,7 @@ def _existing(address: str, run: RunConfig) -> Cluster:
         with Client(address, timeout=CONNECT_SECONDS, set_as_default=False) as client:
             workers = client.scheduler_info(n_workers=-1)["workers"]
             if not workers:
-                raise StageError(
+                raise InputError(
                     f"--dask-scheduler {address}: the scheduler has no workers; start some: "
                     f"{_command(address, run)}"
                 )

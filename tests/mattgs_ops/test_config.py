@@ -52,15 +52,28 @@ def test_toml_paths_are_relative_to_the_file(tmp_path: Path) -> None:
         ("[sfm]\nmode = 'best'", r"`sfm.mode`.*'masked'.*found 'best'"),
         ("conditions = ['nobg']", r"expected BACKGROUND-METHOD"),
         ("conditions = ['nobg-theirs']", r"method 'theirs': expected one of .*3dgs"),
-        ("seeds = [1, 1]", r"`seeds`: expected different ones"),
-        ("captures = []", r"`captures`: expected at least one"),
-        ("[[captures]]\nname = 'toaster'", r"no bundled capture is called 'toaster'"),
+        ("seeds = [1, 1]", r"`seeds`: expected different ones, found 1, 1$"),
+        ("captures = []", r"`captures`: expected at least one, found none$"),
+        ("conditions = []", r"`conditions`: expected at least one, found none$"),
+        ("conditions = ['x']", r"toml: `conditions`: condition 'x': .*, for example `nobg-ours`$"),
+        ("conditions = ['nobg-y']", r"toml: `conditions`: method 'y': expected one of [^{]*$"),
+        ("[[captures]]\nname = 'toaster'", r"no bundled capture is called 'toaster'.* to photos$"),
         ("name = 'a b'", r"`name`: expected letters, digits .*, found 'a b'"),
         ("name = 'a/../../b'", r"`name`: expected letters, digits .*, found 'a/../../b'"),
         ("[[captures]]\nname = '../x'\npath = 'p'", r"`captures.0.name`.*, found '../x'"),
         ("[methods.'a/../../b']\nweight = 2", r"`methods.a/../../b.*expected letters, digits"),
         ("[methods.'/etc/x']\nweight = 2", r"`methods./etc/x.*, found '/etc/x'"),
         ("iterations = ", r"expected a readable TOML file"),
+        ("[train]\nlr_scale = inf", r"`train.lr_scale`: Input should be a finite number"),
+        ("[run]\nstage_timeout = nan", r"`run.stage_timeout`: Input should be a finite number"),
+        ("[methods.m]\nweight = inf", r"`methods.m.weight`: Input should be a finite number"),
+        ("[[captures]]\nname = 'a'\npath = \"a\\u0000b\"", r"`path`: expected a path, found 'a"),
+        ("[run]\ndask_scheduler = 'foo'", r"`run.dask_scheduler`: .*\(tcp.tls\)://.*found 'foo'"),
+        ("[run]\ndask_certificates = 'keys'", r"dask_certificates: goes with .* tls://HOST:PORT$"),
+        (
+            "[run]\ndask_certificates = 'keys'\ndask_scheduler = 'tcp://h:1'",
+            r"dask_certificates: goes with dask_scheduler tls://HOST:PORT$",
+        ),
     ],
 )
 def test_a_bad_file_is_refused_naming_file_field_and_value(
@@ -70,6 +83,15 @@ def test_a_bad_file_is_refused_naming_file_field_and_value(
     with pytest.raises(InputError, match=message) as caught:
         load_toml(path)
     assert str(path) in str(caught.value)
+
+
+def test_a_file_of_another_encoding_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "benchmark.toml"
+    path.write_bytes('name = "rücken"\n'.encode("latin-1"))
+    with pytest.raises(
+        InputError, match=r"benchmark\.toml: expected a readable TOML file: .*utf-8"
+    ):
+        load_toml(path)
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
@@ -148,12 +170,13 @@ def test_budgets_go_to_all_that_can_keep_to_them(tmp_path: Path) -> None:
     config = load_toml(write(tmp_path, text.replace("-o", "--max={budget}")))
     assert config.budgets_of("nobg-peer") == (5000, 10_000)
     assert config.train_settings("rover", 5000).max_splats == 5000
-    with pytest.raises(InputError, match=r"`budgets`: expected 100 splats at least, found 3"):
+    with pytest.raises(InputError, match=r"`budgets.0`: .* equal to 100, found 3"):
         load_toml(write(tmp_path, "budgets = [3]\n"))
 
 
 def test_a_network_and_certificates_lie_beside_the_benchmarks_file(tmp_path: Path) -> None:
-    path = write(tmp_path, '[segment]\nmodel = "u2net.onnx"\n[run]\ndask_certificates = "keys"\n')
+    run = '[run]\ndask_certificates = "keys"\ndask_scheduler = "tls://head:8786"\n'
+    path = write(tmp_path, f'[segment]\nmodel = "u2net.onnx"\n{run}')
     with pytest.raises(InputError, match=r"`segment\.model`: expected a file of weights at"):
         load_toml(path)
     (tmp_path / "u2net.onnx").touch()

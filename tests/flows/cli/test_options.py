@@ -68,7 +68,13 @@ def test_a_video_names_capture_and_benchmark_after_itself(tmp_path: Path) -> Non
         ({"captures": ("rover",), "masks": Path("m")}, "not with bundled"),
         ({"iterations": 0}, "`iterations`.*found 0"),
         ({"conditions": ("nobg-mine",)}, "'mine': expected one of 3dgs, 3dgs-tuned, mcmc, ours"),
-        ({"conditions": ("white-3dgs",)}, "BACKGROUND-METHOD"),
+        ({"conditions": ("white-3dgs",)}, "^command line: `conditions`: .*BACKGROUND-METHOD"),
+        (
+            {"conditions": words("")},
+            "^command line: `conditions`: expected at least one, found none$",
+        ),
+        ({"dask_scheduler": "foo"}, "`run.dask_scheduler`: .*, found 'foo'"),
+        ({"dask_certificates": Path("keys")}, "dask_certificates: goes with .*tls://HOST:PORT$"),
         ({"seeds": (1, 1)}, "`seeds`: expected different ones"),
         ({"name": "a b"}, "`name`"),
         ({"name": "a/../../b"}, "`name`: expected letters, digits .*, found 'a/../../b'"),
@@ -83,6 +89,7 @@ def test_what_cannot_be_meant_is_refused_by_name(options: dict[str, Any], says: 
 def test_lists_are_split_at_commas_and_blanks() -> None:
     assert words("a,b c, d") == ("a", "b", "c", "d")
     assert words(None) is None
+    assert words("") == words(" , ") == ()
     assert numbers("0, 1 2", "--seeds") == (0, 1, 2)
     assert size("640x480", "--resolution") == (640, 480)
     with pytest.raises(InputError, match=r"--seeds.*'1,x'"):

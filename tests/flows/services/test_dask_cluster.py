@@ -17,7 +17,7 @@ from distributed.security import Security
 
 from flows.services.dask_cluster import CERTIFICATES, needed, started, worker_count
 from mattgs_ops.config import RunConfig
-from mattgs_ops.errors import InputError, StageError
+from mattgs_ops.errors import InputError
 from tasks.stages.stage import PACKAGE
 from tests.flows.certificates import make_certificates
 
@@ -117,7 +117,6 @@ def test_dasks_own_configuration_may_name_the_certificates(
     [
         ({"dask_certificates": None}, "expected certificates, by --dask-certificates DIR"),
         ({"dask_certificates": Path("/nowhere")}, "expected the file /nowhere/ca.pem"),
-        ({"dask_scheduler": "tcp://127.0.0.1:1"}, "goes with --dask-scheduler tls://"),
     ],
 )
 def test_certificates_that_do_not_fit_are_refused_by_name(
@@ -150,10 +149,12 @@ def test_resources_that_no_worker_has_are_refused_with_the_command_that_starts_o
 
 
 def test_a_scheduler_without_workers_says_how_to_start_one(tmp_path: Path) -> None:
-    with LocalCluster(n_workers=0, processes=False, dashboard_address=None) as cluster:
+    with LocalCluster(
+        n_workers=0, processes=False, protocol="tcp://", dashboard_address=None
+    ) as cluster:
         run = RunConfig(dask_scheduler=cluster.scheduler_address)
         with (
-            pytest.raises(StageError, match=r"no workers.*--resources \"train=1\""),
+            pytest.raises(InputError, match=r"no workers.*--resources \"train=1\""),
             started(tmp_path, run),
         ):
             pass

@@ -12,9 +12,7 @@ from reports.gate.tolerances import Doubt
 
 DEFAULT_BENCHMARK = "quick"
 
-Config = Annotated[
-    Path | None, typer.Option(help="Benchmark as a TOML file; it is run first, then judged.")
-]
+Config = Annotated[Path | None, typer.Option(help="Benchmark as a TOML file; it is run first.")]
 Benchmark = Annotated[
     str | None,
     typer.Option(help=f"Name of a benchmark that was run; by default {DEFAULT_BENCHMARK}."),
@@ -106,7 +104,7 @@ def _judged(
         return judge.judge(out.resolve(), name, against, doubt=doubt, must_see=must_see, run=run)
     except InputError:
         raise
-    except StageError as error:
+    except (StageError, OSError) as error:
         return f"mattgs: {error}", Exit.CANNOT_JUDGE
     except Exception:  # Python would end with 1, which is the code of a regression
         return f"mattgs: the gate itself broke\n{traceback.format_exc()}", Exit.CANNOT_JUDGE
@@ -131,7 +129,8 @@ def baseline(
     name = _named(benchmark, config, out)
     made, failed = judge.make_baseline(out.resolve(), name, file, again or [])
     if failed:
-        typer.echo(f"{failed} experiments failed; the gate will expect them to fail.", err=True)
+        noun = "experiment" if failed == 1 else "experiments"
+        typer.echo(f"{failed} {noun} failed; the gate expects that.", err=True)
     typer.echo(f"Baseline: {made.resolve()}")
 
 

@@ -1,11 +1,11 @@
 """The gate's decision: candidate rows and baseline rows in, verdicts out. Nothing is printed here.
 
-Each number of each cell gets one of seven verdicts. For a change with interval [low, high]
+Each number of each cell gets one of eight verdicts. For a change with interval [low, high]
 (positive is better) and a margin m: ``better`` when low > m, ``worse`` when high < -m, ``same``
 when the whole interval lies within ±m, else ``inconclusive``: not enough was measured to say.
 ``not comparable``: a number is missing or not finite, or the rows were made from other inputs,
-another configuration or protocol, or scored against another truth. ``newly failing`` and ``fixed``
-are about experiments that failed, now or before.
+another configuration or protocol, or scored against another truth. ``newly failing``, ``still
+failing`` and ``fixed`` are about experiments that failed, now, both times or before.
 
 Every number is judged in each cell, and again over all cells: a loss that is everywhere but small
 shows only there. Confidences are set in ``tolerances.py`` so that unchanged code raises an alarm in
@@ -157,8 +157,8 @@ def _status(key: CellKey, ours: Cell | None, theirs: Cell | None) -> Finding | N
         why = "; ".join(f"seed {seed}: {reasons.get(seed, 'no row')}" for seed in lost)
         return Finding(name, "run", "status", Verdict.NEWLY_FAILING, why)
     if not before and not after:
-        reason = "failed in the baseline as well"
-        return Finding(name, "run", "status", Verdict.NOT_COMPARABLE, reason)
+        why = "; ".join(f"seed {seed}: {text}" for seed, text in sorted(reasons.items()))
+        return Finding(name, "run", "status", Verdict.STILL_FAILING, why)
     if after - before:
         failed = {int(row["seed"]) for row in theirs.failed}
         if after & failed:
@@ -235,9 +235,10 @@ _RANKS = {
     Verdict.NEWLY_FAILING: 1,
     Verdict.NOT_COMPARABLE: 2,
     Verdict.INCONCLUSIVE: 3,
-    Verdict.FIXED: 4,
-    Verdict.BETTER: 5,
-    Verdict.SAME: 6,
+    Verdict.STILL_FAILING: 4,
+    Verdict.FIXED: 5,
+    Verdict.BETTER: 6,
+    Verdict.SAME: 7,
 }
 
 

@@ -17,6 +17,7 @@ class Verdict(StrEnum):
     WORSE = "worse"
     NOT_COMPARABLE = "not comparable"
     NEWLY_FAILING = "newly failing"
+    STILL_FAILING = "still failing"
     FIXED = "fixed"
     INCONCLUSIVE = "inconclusive"
 

@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 from reports.gate import tolerances
 from reports.gate.findings import ALL_CELLS, Exit, Finding, GateReport, Verdict
 
-SCHEMA = 3
+SCHEMA = 4
 IN_WORDS = {
     "psnr": "PSNR",
     "mask_psnr": "PSNR in mask",
@@ -28,6 +28,7 @@ MEANING = {
     Exit.FAILED_RUNS: "failed runs",
 }
 FAILURES = {Verdict.WORSE, Verdict.NEWLY_FAILING}
+SKIPPED = {Verdict.INCONCLUSIVE, Verdict.STILL_FAILING}  # in JUnit, with what is excused
 RATIOS = {t.metric for t in tolerances.TOLERANCES if t.kind in ("ratio", "speed")}
 MOST_LINES = 40
 
@@ -100,7 +101,7 @@ def junit(report: GateReport) -> str:
         mine = sorted(suites[cell], key=lambda finding: finding.metric)
         failures = sum(finding.verdict in FAILURES for finding in mine)
         errors = sum(_is_error(finding) for finding in mine)
-        skipped = sum(f.excused or f.verdict == Verdict.INCONCLUSIVE for f in mine)
+        skipped = sum(f.excused or f.verdict in SKIPPED for f in mine)
         attributes = {
             "name": cell,
             "tests": str(len(mine)),
@@ -127,7 +128,7 @@ def _junit_outcome(case: ElementTree.Element, finding: Finding) -> None:
         ElementTree.SubElement(case, "failure", message=message, type=str(finding.verdict))
     elif _is_error(finding):
         ElementTree.SubElement(case, "error", message=message, type=str(finding.verdict))
-    elif finding.excused or finding.verdict == Verdict.INCONCLUSIVE:
+    elif finding.excused or finding.verdict in SKIPPED:
         ElementTree.SubElement(case, "skipped", message=message)
     else:
         ElementTree.SubElement(case, "system-out").text = message

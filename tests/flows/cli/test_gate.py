@@ -180,6 +180,29 @@ def test_a_baseline_is_made_of_a_run(rows: list[Row], tmp_path: Path) -> None:
     assert baseline.load(file).noise["psnr"] > 0
 
 
+def test_an_experiment_that_failed_before_may_fail_again(rows: list[Row], tmp_path: Path) -> None:
+    fail(rows[0])
+    rows = rows[:1] + [row for row in rows if row["condition"] != rows[0]["condition"]]
+    write(rows, tmp_path)
+    file = tmp_path / "main.json"
+    made = mattgs("baseline", file, "--benchmark", "quick-ci", "--out", tmp_path)
+    assert "1 experiment failed; the gate expects that." in made.output
+    done = mattgs("gate", "--baseline", file, "--benchmark", "quick-ci", "--out", tmp_path)
+    assert done.exit_code == 0, done.output
+    assert "1 still failing" in done.output
+    assert "diverged" in done.output
+
+
+@pytest.mark.parametrize("name", ["afile/out", "afile/deeper/out"])
+def test_a_place_that_cannot_be_written_is_no_fault_of_the_gate(tmp_path: Path, name: str) -> None:
+    (tmp_path / "afile").touch()
+    out = tmp_path / name
+    done = mattgs("gate", "--baseline", "quick-ci", "--config", CONFIG, "--out", out)
+    assert done.exit_code == 2
+    assert "Traceback" not in done.output
+    assert done.output.startswith("mattgs: [Errno 20] Not a directory: ")
+
+
 def test_the_committed_baseline_is_of_the_committed_benchmark() -> None:
     """Fails as soon as a change asks for a new baseline: docs/gate.md says how to make it."""
     config = load_toml(CONFIG)

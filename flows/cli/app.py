@@ -85,8 +85,8 @@ def run(
     Without options: the bundled captures at a quick setting. What was finished before is not
     repeated, and a run that was interrupted goes on where it was.
 
-    Exit codes: 0 all finished, 2 the input cannot be used, 3 experiments failed (the report says
-    why), 130 interrupted.
+    Exit codes: 0 all finished, 1 a service or the disk failed (the same command goes on), 2 the
+    input cannot be used, 3 experiments failed (the report says why), 130 interrupted.
     """
     from flows.cli import options
     from flows.cli.run import run_benchmark
@@ -138,8 +138,8 @@ def check(
 ) -> None:
     """Look at photos and masks before a long run: about a second a photo.
 
-    Prints what is wrong, how many photos will probably get a camera, and what a run will take;
-    writes a sheet of the masks. Exit code 2: there is nothing that a run could work with.
+    Prints of each capture what is wrong, how many photos will probably get a camera, and what a run
+    will take; writes a sheet of the masks. Exit code 2: one that a run could not work with.
     """
     from flows.cli import options
     from flows.cli.check import check as look
@@ -150,7 +150,7 @@ def check(
     if photos is None and capture is None and config is None:
         raise InputError("check: expected a folder of photos, or --capture")
     mark_output(out)
-    if not look(merged, out.resolve() / "checks" / merged.captures[0].name):
+    if not look(merged, out.resolve() / "checks"):
         raise typer.Exit(EXIT_INPUT)
 
 
@@ -183,10 +183,15 @@ def main() -> None:
         sys.stderr.write(f"mattgs: {error}\n")
         sys.exit(EXIT_FAILED)
     except OSError as error:
-        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            sys.stderr.write(f"mattgs: {error}: make room; the same command goes on from here\n")
+            sys.exit(EXIT_FAILED)
+        if error.filename is None:  # of no file that somebody could see to
             raise
-        sys.stderr.write(f"mattgs: {error}: make room; the same command goes on from here\n")
-        sys.exit(EXIT_FAILED)
+        in_the_way = error.errno == errno.EEXIST  # of a folder that was to be made
+        reason = "expected a folder, found a file" if in_the_way else error.strerror
+        sys.stderr.write(f"mattgs: {error.filename}: {reason}\n")
+        sys.exit(EXIT_INPUT)
     except Exception as error:
         if not type(error).__module__.startswith("mlflow."):  # which is imported late, if at all
             raise

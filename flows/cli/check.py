@@ -6,9 +6,10 @@ from pathlib import Path
 from rich.console import Console
 
 from flows.cli.terminal import bar, duration
+from flows.grid import cells
 from mattgs_ops.capture.prepare import prepare
 from mattgs_ops.capture.scene import PreparedCapture, View
-from mattgs_ops.config import BenchmarkConfig
+from mattgs_ops.config import BenchmarkConfig, CaptureConfig
 from mattgs_ops.errors import InputError, StageError
 from mattgs_ops.segment.infer import segment
 from mattgs_ops.segment.inspect_photos import Inspected, inspect
@@ -28,12 +29,37 @@ WORKERS = 2
 
 
 def check(config: BenchmarkConfig, out: Path) -> bool:
-    """Check the first capture of ``config``; return whether a run has something to work with.
+    """Check the captures of ``config``; return whether a run has something to work with in each.
 
-    Prints what is wrong and writes ``out/masks.png``. Raises :class:`InputError` for photos that
-    cannot be used, naming all of them.
+    Prints what is wrong and writes ``out/CAPTURE/masks.png``. Raises :class:`InputError` for photos
+    that cannot be used, naming all of them, once all captures were looked at.
     """
-    capture, console = config.captures[0], Console(soft_wrap=True)
+    console = Console(soft_wrap=True)
+    problems, estimates = [], []
+    for capture in config.captures:
+        try:
+            lines, estimate = _look(capture, config, out / capture.name)
+        except InputError as error:
+            problems.append(str(error))
+            continue
+        estimates.append(estimate)
+        if len(config.captures) > 1:
+            lines = [f"{capture.name}:", *(f"  {line}" for line in lines)]
+        for line in lines:
+            console.print(line, markup=False, highlight=False)
+    if problems:
+        raise InputError("\n".join(problems))
+    usable = [estimate for estimate in estimates if estimate is not None]
+    if len(usable) < len(estimates):
+        return False
+    console.print(f"a full run takes about {duration(sum(usable))} on two cores", highlight=False)
+    return True
+
+
+def _look(
+    capture: CaptureConfig, config: BenchmarkConfig, out: Path
+) -> tuple[list[str], float | None]:
+    """Return what is to be said of a capture, and a run's seconds; None: nothing to work with."""
     with bar(f"check {capture.name}") as progress:
         prepared = prepare(
             capture, out / "prepared", test_every=config.test_every, progress=progress
@@ -43,21 +69,14 @@ def check(config: BenchmarkConfig, out: Path) -> bool:
             report = segment(prepared, config.segment, out / "segmented", progress=progress)
         except StageError as error:
             raise InputError(str(error)) from error
-    sheet = _sheet(prepared, report, out)
     good = seen.placed >= FEWEST_PLACED * len(seen.names)
-    for line in _lines(prepared, seen, report, config, sheet, good=good):
-        console.print(line, markup=False, highlight=False)
-    return good
+    sheet = _sheet(prepared, report, out)
+    lines = [*_lines(prepared, seen, report, good=good), f"masks: {sheet}"]
+    return lines, seconds(prepared, config) if good else None
 
 
 def _lines(
-    capture: PreparedCapture,
-    seen: Inspected,
-    report: MaskReport,
-    config: BenchmarkConfig,
-    sheet: Path,
-    *,
-    good: bool,
+    capture: PreparedCapture, seen: Inspected, report: MaskReport, *, good: bool
 ) -> list[str]:
     sizes = sorted({f"{view.width}x{view.height}" for view in capture.views})
     lines = [f"{len(seen.names)} photos, {', '.join(sizes)} pixels as they are used"]
@@ -65,22 +84,18 @@ def _lines(
     flags = [f"{view.name} ({', '.join(view.flags)})" for view in report.flagged]
     if flags:
         lines.append(f"! masks that look wrong: {', '.join(flags)}")
+    count = f"{seen.placed} of {len(seen.names)} photos"
     if good:
-        lines.append(f"about {seen.placed} of {len(seen.names)} photos will get a camera")
-        lines.append(f"a full run takes about {duration(seconds(capture, config))} on two cores")
-    else:
-        lines.append(
-            f"✗ {seen.placed} of {len(seen.names)} photos hang together: too few for a run; take "
-            "photos closer to each other, with the background in place"
-        )
-    return [*lines, f"masks: {sheet}"]
+        return [*lines, f"about {count} will get a camera"]
+    remedy = "take photos closer to each other, with the background in place"
+    return [*lines, f"✗ {count} hang together: too few for a run; {remedy}"]
 
 
 def seconds(capture: PreparedCapture, config: BenchmarkConfig) -> float:
-    """Estimate what a run of one capture takes, in seconds, to within a factor of two."""
+    """Estimate what a run takes for one capture, in seconds, to within a factor of two."""
     count = len(capture.views)
     megapixels = sum(view.width * view.height for view in capture.views) / 1e6
-    trainings = len(config.conditions) * len(config.seeds)
+    trainings = len(list(cells(config, capture.name)))
     area = (config.resolution / BenchmarkConfig().resolution) ** 2
     trained = trainings * (config.iterations * A_STEP * area + A_TRAINING)
     return A_PHOTO_AND_MEGAPIXEL * megapixels + A_PHOTO * count + trained / WORKERS

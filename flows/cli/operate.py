@@ -72,7 +72,7 @@ def serve(
     """Run what is scheduled when it is due, until Ctrl-C: this folder's prefect.yaml.
 
     Without that file: the project's nightly and weekly grids, and the gate.
-    Starts a Prefect server with its web interface, unless PREFECT_API_URL names one.
+    Starts a Prefect server with its web interface, unless Prefect's settings name one.
     """
     from flows.services import serve as serving
 

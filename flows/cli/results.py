@@ -138,9 +138,9 @@ def view(
     browser: Annotated[bool, typer.Option(help="Open the browser.")] = True,
     out: Out = DEFAULT_OUT,
 ) -> None:
-    """Look at splats in the browser, with the cameras and photos of a run, until Ctrl-C.
+    r"""Look at splats in the browser, with the cameras and photos of a run, until Ctrl-C.
 
-    Needs the extra `view`: pip install 'mattgs-bench[view]'.
+    Needs the extra `view`: pip install 'mattgs-bench\[view]'.
     """
     from flows.results.view import view as show
 

@@ -1,5 +1,6 @@
 """The command line: quick to answer, plain about what is wrong, no tracebacks."""
 
+import json
 import os
 import subprocess
 import sys
@@ -7,8 +8,10 @@ from pathlib import Path
 
 import pytest
 from PIL import Image
+from typer.testing import CliRunner
 
 from flows.cli import app
+from reports.gate import baseline
 
 HEAVY = ("torch", "prefect", "mlflow", "dask", "distributed", "cv2", "pycolmap", "onnxruntime")
 
@@ -102,3 +105,39 @@ def test_ctrl_c_says_that_the_same_command_goes_on(
         app.main()
     assert ended.value.code == app.EXIT_INTERRUPTED
     assert capsys.readouterr().err == "mattgs: interrupted; the same command goes on from here\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["run", "--out", "afile"], "{here}/afile: expected a folder, found a file"),
+        (["run", "--out", "afile/out"], "{here}/afile/out: Not a directory"),
+        (["check", "--config", "b.toml", "--out", "afile/out"], "afile/out: Not a directory"),
+        (["baseline", "made", "--out", "."], "made: Is a directory"),
+        (["baseline", "afile/b.json", "--out", "."], "afile: expected a folder, found a file"),
+    ],
+)
+def test_a_place_that_cannot_be_used_is_named_with_the_reason(
+    arguments: list[str],
+    told: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    rows = tmp_path / "benchmarks" / "quick" / "rows.json"
+    for folder in (rows.parent, tmp_path / "made"):
+        folder.mkdir(parents=True)
+    rows.write_text(json.dumps(list(baseline.load("quick-ci").rows)))
+    (tmp_path / "afile").touch()
+    (tmp_path / "b.toml").write_text("[[captures]]\nname = 'rover'\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["mattgs", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        app.main()
+    assert ended.value.code == app.EXIT_INPUT
+    assert capsys.readouterr().err == f"mattgs: {told.format(here=tmp_path)}\n"
+
+
+def test_help_keeps_what_stands_in_brackets() -> None:
+    told = CliRunner().invoke(app.app, ["view", "--help"]).output
+    assert "pip install 'mattgs-bench[view]'." in told

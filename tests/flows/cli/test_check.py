@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from flows.cli.app import app
-from flows.cli.check import A_STEP, seconds
+from flows.cli.check import A_STEP, A_TRAINING, seconds
 from mattgs_ops.capture.scene import PreparedCapture, View
 from mattgs_ops.config import BUNDLED, BenchmarkConfig
 from mattgs_ops.errors import InputError
@@ -47,6 +47,27 @@ def test_photos_that_have_nothing_in_common_end_with_two(tmp_path: Path) -> None
     assert "too few for a run" in result.output
 
 
+def test_all_captures_of_a_file_are_looked_at(tmp_path: Path) -> None:
+    file, out = tmp_path / "benchmark.toml", tmp_path / "out"
+    entry = '[[captures]]\nname = "{0}"\npath = "{0}"\n'
+    for name in ("cat", "dog"):
+        some(tmp_path / name, 5)
+    file.write_text("".join(map(entry.format, ("cat", "dog"))))
+    result = CliRunner().invoke(app, ["check", "--config", str(file), "--out", str(out)])
+    assert result.exit_code == 0, result.output
+    lines = result.output.splitlines()
+    assert [line for line in lines if line in ("cat:", "dog:")] == ["cat:", "dog:"]
+    assert result.output.count("  about 5 of 5 photos will get a camera") == 2
+    assert [line for line in lines if "a full run takes" in line] == lines[-1:]
+    assert {path.parent.name for path in out.glob("checks/*/masks.png")} == {"cat", "dog"}
+    file.write_text("".join(map(entry.format, ("lost", "dog"))))
+    result = CliRunner().invoke(app, ["check", "--config", str(file), "--out", str(out)])
+    assert isinstance(result.exception, InputError), "which main() ends with exit code 2"
+    assert str(tmp_path / "lost") in str(result.exception)
+    assert "dog:" in result.output, "the others are looked at all the same"
+    assert "a full run takes" not in result.output
+
+
 def test_without_photos_there_is_nothing_to_check(tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["check", "--out", str(tmp_path)])
     assert isinstance(result.exception, InputError)
@@ -62,3 +83,6 @@ def test_more_photos_and_more_steps_take_longer(tmp_path: Path) -> None:
     assert seconds(of(30), long) == pytest.approx(
         seconds(of(30), short) + 6 * 29_000 * A_STEP / 2, rel=0.01
     )
+    two = BenchmarkConfig(budgets=(5000, 10_000))
+    trainings = 6 * (1000 * A_STEP + A_TRAINING) / 2
+    assert seconds(of(30), two) == pytest.approx(seconds(of(30), short) + trainings)

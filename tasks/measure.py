@@ -1,4 +1,4 @@
-"""Measure speed, alone on its machine (``mattgs_ops/score/evaluate.py``).
+"""Measure speed, alone on its machine (``mattgs_ops/score/speed.py``).
 
 All experiments of a capture are measured in one process, one after another, by a worker: speed is
 that of the machine where stages run. The flow submits this when no other stage of the benchmark
@@ -32,7 +32,8 @@ MACHINE = ("cpu", "cpu_kind", "cores", "threads", "workload")
 class Speed:
     """What was measured of one experiment, and on which machine.
 
-    ``laps`` and ``time`` are there where the training was timed again.
+    There are ``laps``, and ``time`` and ``time_cpu`` among the metrics, where the training was
+    timed again.
     """
 
     metrics: dict[str, float]
@@ -68,7 +69,7 @@ def measure(
         name="measure",
         title=f"measure {name}",
         operation="tasks.measure:operate",
-        imports=("mattgs_ops.score.evaluate", "mattgs_ops.splat.training.train"),
+        imports=("mattgs_ops.score.speed", "mattgs_ops.splat.training.train"),
         parameters={
             "resolution": config.resolution,
             "machine": machine,

@@ -34,6 +34,7 @@ def train(place: Place, cell: Cell, scene: Artifact, config: BenchmarkConfig) ->
         inputs={"scene": scene.digest},
         arguments=operation_settings | {"scene": str(place.folder(scene))},
         resumes=CHECKPOINT,
+        counts="training.json",
     )
     return perform(place, stage)
 

@@ -1,7 +1,7 @@
 """How MLflow's interface shows a benchmark: which columns and charts, as what kind of project.
 
-The interface keeps such views as tags of the experiment and lists them under *Views*; the address
-ending in :data:`QUERY` opens ours. Interfaces that do not know a part of it ignore that part.
+The interface keeps such views as tags of the experiment and lists them under *Views*. Interfaces
+that do not know a part of it ignore that part.
 """
 
 import json
@@ -10,7 +10,6 @@ from typing import Any
 from mattgs_ops.score.metric_table import METRICS
 
 KEY, NAME = "mattgs", "Benchmark"
-QUERY = f"viewStateShareKey={KEY}"
 VIEW_TAG = f"mlflow.sharedViewState.{KEY}"
 CREATED = 1_700_000_000_000  # milliseconds; the interface wants a date, and the same one does
 ATTRIBUTES = ("Dataset", "Source", "Models")  # as the interface calls its own columns

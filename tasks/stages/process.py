@@ -177,9 +177,8 @@ def _environment(threads: int) -> dict[str, str]:
 
 def _raise_for(code: int, verdict: Path, job: StageJob) -> None:
     """Turn a bad end into an exception; return when all went well."""
-    if verdict.is_file():
-        failure = json.loads(verdict.read_text(encoding="utf-8"))
-        verdict.unlink()
+    failure = _verdict(verdict)
+    if failure is not None:
         kind = InputError if failure["type"] == "InputError" else StageError
         raise kind(failure["message"])
     if code == 0:
@@ -188,6 +187,16 @@ def _raise_for(code: int, verdict: Path, job: StageJob) -> None:
         raise CrashError(f"{job.title}: the process {how_it_ended(code)}; log: {job.log}")
     tail = " | ".join(_last_lines(job.log))
     raise StageError(f"{job.title}: the process {how_it_ended(code)}: {tail}; log: {job.log}")
+
+
+def _verdict(file: Path) -> dict[str, str] | None:
+    """Take what the child left when it failed; None where it could not leave that."""
+    try:
+        failure: dict[str, str] = json.loads(file.read_text(encoding="utf-8"))
+    except (FileNotFoundError, ValueError):
+        return None
+    file.unlink()
+    return failure
 
 
 def _last_lines(log: Path) -> list[str]:
@@ -218,7 +227,9 @@ def _child(job: StageJob) -> int:
 
 def _send(job: StageJob, kind: str, message: str) -> None:
     path = job.log.with_suffix(".verdict.json")
-    path.write_text(json.dumps({"type": kind, "message": message}), encoding="utf-8")
+    partial = path.with_suffix(".part")  # a full disk leaves an empty one
+    partial.write_text(json.dumps({"type": kind, "message": message}), encoding="utf-8")
+    partial.replace(path)
 
 
 def main(argv: list[str]) -> int:

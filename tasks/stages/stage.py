@@ -5,6 +5,7 @@ do it at once; an interrupted one goes on in its work folder. What passes betwee
 :class:`Artifact`, a reference into the store; folders never travel.
 """
 
+import json
 import os
 import time
 from collections.abc import Iterator, Mapping
@@ -147,8 +148,9 @@ class Stage:
     ``imports``: modules that it needs and that start no threads, see :class:`process.StageJob`;
     ``spreads``: more threads make it faster, and nothing compares its time;
     ``resumes``: the operation goes on from what an interrupted attempt left in its work folder,
-    once the file of this name is there; ``alone``: it waits until nothing else runs on this
-    machine; ``modules``: the code that counts as the stage's, where that is not the name's;
+    once the file of this name is there; ``counts``: the JSON file of its results whose
+    ``wall_seconds`` count interrupted attempts too; ``alone``: it waits until nothing else runs on
+    this machine; ``modules``: the code that counts as the stage's, where that is not the name's;
     ``timeout``: its own limit in seconds, where it has one.
     """
 
@@ -161,6 +163,7 @@ class Stage:
     imports: tuple[str, ...] = ()
     spreads: bool = False
     resumes: str | None = None
+    counts: str | None = None
     alone: bool = False
     modules: tuple[str, ...] = ()
     timeout: float | None = None
@@ -230,10 +233,17 @@ def _make(place: Place, stage: Stage, slot: Slot, status: StatusFile) -> Finishe
         run_log.info(f"{stage.title}: begins with {threads} threads; log: {job.log}")
         with _copied(place, stage, slot), run_log.following(job.log, job.status):
             process.run(job)
-        seconds = round(time.monotonic() - began, 3)
+        seconds = round(max(time.monotonic() - began, _all_attempts(stage, slot.work)), 3)
     machine = provenance.describe(threads)
-    made = {"seconds": seconds, "began": round(date, 3), "machine": machine}
+    made = {"seconds": seconds, "began": round(time.time() - seconds, 3), "machine": machine}
     return slot.finish(made | {"inputs": dict(stage.inputs)})
+
+
+def _all_attempts(stage: Stage, work: Path) -> float:
+    """Return the seconds that the stage itself counted, those before it was interrupted too."""
+    if stage.counts is None:
+        return 0.0
+    return float(json.loads((work / stage.counts).read_text(encoding="utf-8"))["wall_seconds"])
 
 
 @contextmanager

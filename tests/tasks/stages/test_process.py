@@ -40,6 +40,11 @@ def input_error(arguments, out, threads, progress):
 def bug(arguments, out, threads, progress):
     raise KeyError("missing")
 
+def cannot_say(arguments, out, threads, progress):
+    print("the disk is full")
+    (out / "logs" / "try.verdict.json").touch()
+    os._exit(1)
+
 def leaves(arguments, out, threads, progress):
     print("no licence for this")
     os._exit(7)
@@ -108,6 +113,7 @@ def test_a_stage_does_not_inherit_how_dask_has_its_workers_give_memory_back(
         ("killed", CrashError, "out of memory"),
         ("bug", StageError, "KeyError: 'missing'"),
         ("leaves", StageError, "status 7: .*no licence for this"),
+        ("cannot_say", StageError, "status 1: .*the disk is full; log: "),
         ("input_error", InputError, "^photo.jpg: expected a photo$"),
     ],
 )

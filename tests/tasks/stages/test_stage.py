@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -85,6 +86,22 @@ def until_told(arguments, out, threads, progress):
         time.sleep(0.01)
     (out / "made").touch()
 """
+
+
+def test_the_attempts_before_an_interruption_count_as_well(
+    place: Place, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    operation = """
+def last_part(arguments, out, threads, progress):
+    (out / "report.json").write_text('{"wall_seconds": 5000.0}')
+"""
+    (tmp_path / "operations_resumed.py").write_text(operation)
+    monkeypatch.syspath_prepend(tmp_path)
+    operation = "operations_resumed:last_part"
+    stage = Stage("prepare", "prepare ball", operation, {}, {}, {}, counts="report.json")
+    made = perform(place, stage)
+    assert made.seconds == 5000
+    assert place.extra(made)["began"] + 5000 == pytest.approx(time.time(), abs=100)
 
 
 def test_what_two_experiments_ask_for_at_once_was_made_now_not_before(

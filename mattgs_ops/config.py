@@ -114,7 +114,7 @@ class TrainConfig(Frozen):
     sh_degree: int = Field(3, ge=0, le=3)
     sh_every: int = Field(1000, ge=1)
     densify_from: int = Field(500, ge=0)
-    densify_until: int = Field(15_000, ge=0)
+    densify_until: int = Field(15_000, ge=0, description="growth mcmc: always 25,000, as released")
     densify_every: int = Field(100, ge=1)
     densify_gradient: float = Field(2e-4, gt=0, description="normalised device coordinates")
     densify_scale: float = Field(0.01, gt=0, description="split above this share of the extent")

@@ -26,12 +26,12 @@ from mattgs_ops.score.colour_correction import colour_corrected
 from mattgs_ops.score.lpips import Lpips
 from mattgs_ops.score.metric_table import PARTS
 from mattgs_ops.score.perceptual import flip_map
+from mattgs_ops.splat.ssim import SSIM_WINDOW
 
 Image = NDArray[np.floating]
 MaskArray = NDArray[np.bool_]
 
 SSIM_SIGMA = 1.5
-SSIM_WINDOW = 11
 SSIM_C1, SSIM_C2 = 0.01**2, 0.03**2  # keep its quotients finite, for values in [0, 1]
 SSIM_REACH = SSIM_WINDOW // 2  # pixels; also the erosion of masks
 PSNR_CEILING = 100.0  # dB; identical 8-bit images would be infinitely good

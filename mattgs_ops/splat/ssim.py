@@ -16,6 +16,8 @@ from mattgs_ops.splat import _engine
 from mattgs_ops.splat.memory import Memory, Unshared
 from mattgs_ops.splat.rasterize import MAX_THREADS, checked_array
 
+SSIM_WINDOW = 11  # pixels a side (Wang et al. 2004); evaluation scores images from that size on
+
 
 @dataclass(frozen=True)
 class PhotometricLoss:

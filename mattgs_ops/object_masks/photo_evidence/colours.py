@@ -88,7 +88,7 @@ def by_colours(photo: NDArray[np.uint8], soft: SoftMap) -> SoftMap:
     Where colours deny it the map is mirrored about a half; elsewhere it stays. What it is sure
     about stays as well, thin parts included, which have no inside to learn colours from.
     """
-    cut = grabcut_seeded(np.ascontiguousarray(photo[..., ::-1]), soft)
+    cut = grabcut_seeded(photo, soft)
     cut[soft >= SURE] = 255
     cut[soft <= 1 - SURE] = 0
     corrected: SoftMap = np.where((cut > 0) == (soft >= HALF), soft, 1 - soft).astype(np.float32)

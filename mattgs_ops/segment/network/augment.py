@@ -29,7 +29,9 @@ def augment(
     middle = np.array([width, height]) / 2 * (1 + rng.uniform(-1, 1, 2) * (1 - crop))
     shift = middle - turn @ np.array([size, size]) / 2
     matrix = np.concatenate([turn, shift[:, None]], axis=1)
-    flags, border = cv2.INTER_AREA | cv2.WARP_INVERSE_MAP, cv2.BORDER_REFLECT_101
+    # warps have no area filter: photos much larger than ``size`` alias, as they did when the
+    # bundled networks were trained, whose recipes this keeps
+    flags, border = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, cv2.BORDER_REFLECT_101
     square = (size, size)
     image = cv2.warpAffine(image, matrix, square, flags=flags, borderMode=border)
     mask = cv2.warpAffine(mask, matrix, square, flags=flags, borderMode=border)

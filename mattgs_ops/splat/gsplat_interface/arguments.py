@@ -133,15 +133,17 @@ def check_settings(
     for name, value in refused.items():
         taken, reason = REFUSED[name]
         # gsplat's own enumeration has a name for the global shutter
-        if value is taken or value == taken or getattr(value, "name", None) == "GLOBAL":
+        same = not isinstance(value, Tensor) and value == taken
+        if value is taken or same or getattr(value, "name", None) == "GLOBAL":
             continue
-        raise InputError(f"{name}: expected {taken!r} ({reason}), found {value!r}")
+        found = f"a tensor {list(value.shape)}" if isinstance(value, Tensor) else repr(value)
+        raise InputError(f"{name}: expected {taken!r} ({reason}), found {found}")
     if render_mode not in RENDER_MODES:
         raise InputError(
             f"render_mode: expected one of {', '.join(RENDER_MODES)}, found {render_mode!r}"
         )
-    if not 1 <= threads <= MAX_THREADS:
-        raise InputError(f"threads: expected 1 to {MAX_THREADS}, found {threads}")
+    if not isinstance(threads, int) or not 1 <= threads <= MAX_THREADS:
+        raise InputError(f"threads: expected a whole number, 1 to {MAX_THREADS}, found {threads}")
     if not 0 < limits.near_plane < limits.far_plane:
         raise InputError(
             f"near_plane: expected a number between 0 and far_plane ({limits.far_plane}), "

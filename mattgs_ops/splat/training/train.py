@@ -25,7 +25,8 @@ from mattgs_ops.splat.exposure import Exposures
 from mattgs_ops.splat.files.ply import read_ply, write_ply
 from mattgs_ops.splat.files.training_report import SCHEMA, TrainingReport
 from mattgs_ops.splat.gaussians import Splats
-from mattgs_ops.splat.photos import background_colour, store_views
+from mattgs_ops.splat.photos import background_colour, size_at, store_views
+from mattgs_ops.splat.ssim import SSIM_WINDOW
 from mattgs_ops.splat.torch_threads import torch_threads
 from mattgs_ops.splat.training import checkpoint
 from mattgs_ops.splat.training.checkpoint import TrainingState
@@ -95,9 +96,22 @@ class Experiment:
             raise StageError(f"scene {self.scene.name}: expected the file {missing[0]}, found none")
         return checkpoint.digest(files, parameters)
 
+    def _check_size(self) -> None:
+        """Raise :class:`InputError` for views that would be too small for SSIM to be scored."""
+        for view in (*self.views(), *self.scene.registered("test")):
+            width, height = size_at(view.width, view.height, self.resolution)
+            if min(width, height) < SSIM_WINDOW:
+                raise InputError(
+                    f"resolution: expected views of at least {SSIM_WINDOW} x {SSIM_WINDOW} pixels, "
+                    f"as SSIM is scored in such windows, found {width} x {height} of {view.name} "
+                    f"at {self.resolution}"
+                )
+
     def trainer(self, threads: int) -> tuple[Trainer, StartingPoints]:
         """Read the photos and the sparse points."""
+        self._check_size()
         background = self.condition.background
+        self._check_size()
         views = store_views(self.views(), background, self.resolution)
         extent = scene_extent([view.camera for view in views])
         mcmc = self.method.growth == "mcmc"

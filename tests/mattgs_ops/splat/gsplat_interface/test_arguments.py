@@ -64,7 +64,9 @@ SINGULAR = torch.diag(torch.tensor([1.0, 1, 0, 1]))[None]
         ({"eps2d": -0.1}, "eps2d: expected"),
         ({"radius_clip": float("nan")}, "radius_clip: expected"),
         ({"render_mode": "depth"}, "render_mode: expected one of RGB, D"),
-        ({"threads": 0}, "threads: expected 1"),
+        ({"threads": 0}, "threads: expected a whole number, 1 to"),
+        ({"threads": 1.5}, "threads: expected a whole number, 1 to"),
+        ({"covars": torch.zeros(9, 3, 3)}, r"covars: expected None .*found a tensor \[9, 3, 3\]"),
         ({"colors": torch.rand(5, 6), "absgrad": True}, "absgrad: expected at most 4 channels"),
     ],
 )

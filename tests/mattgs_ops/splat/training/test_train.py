@@ -12,7 +12,7 @@ import torch
 
 from mattgs_ops.capture.scene import Scene, SparsePoints
 from mattgs_ops.config import TrainConfig
-from mattgs_ops.errors import StageError
+from mattgs_ops.errors import InputError, StageError
 from mattgs_ops.method import MethodConfig
 from mattgs_ops.splat.files.ply import read_ply
 from mattgs_ops.splat.files.training_report import TrainingReport
@@ -276,6 +276,11 @@ def test_two_training_views_are_needed(run: Train, tiny_scene: Scene) -> None:
     views = tuple(replace(v, split="test") if i > 1 else v for i, v in enumerate(tiny_scene.views))
     with pytest.raises(StageError, match="found 1"):
         run("a", scene=replace(tiny_scene, views=views))
+
+
+def test_views_too_small_to_be_scored_are_refused_before_they_are_trained(run: Train) -> None:
+    with pytest.raises(InputError, match=r"at least 11 x 11 .* found 14 x 10 of 01\.jpg at 14"):
+        run("a", resolution=14)
 
 
 def test_a_missing_photo_is_named_before_anything_starts(

@@ -30,7 +30,9 @@ from reports.gate.findings import ALL_CELLS, Exit, GateReport, Verdict
 from reports.gate.self_check import self_check
 from reports.rows.schema import Row
 from tasks.stages.stage import Cell
-from tests.reports.gate.tiny_board import AGAIN, CELLS, SLEEP, SPEED, Line, Planted
+from tests.reports.tiny_board import AGAIN, CELLS, SLEEP, SPEED, Line, Planted
+
+pytestmark = pytest.mark.slow  # trains its cells, and measures their speed
 
 
 @pytest.fixture(scope="module")

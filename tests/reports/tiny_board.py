@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pytest
 from PIL import Image
 
 import mattgs_ops
@@ -25,9 +24,6 @@ from mattgs_ops.segment import infer
 from mattgs_ops.segment.mask_report import MaskReport
 from reports.rows.schema import Row
 from tasks.stages.stage import Cell
-
-pytestmark = pytest.mark.slow
-
 
 BOARD = Path(mattgs_ops.__file__).parent / "bundled" / "lattepanda"
 

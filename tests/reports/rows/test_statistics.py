@@ -14,6 +14,46 @@ def test_one_seed_is_students_interval_over_views() -> None:
     assert (found.low, found.high) == pytest.approx((low, high), rel=1e-12)
 
 
+@pytest.mark.parametrize("seeds_matter", [True, False])
+def test_views_and_seeds_are_crossed_random_factors(seeds_matter: bool) -> None:
+    """The two-way analysis of variance of textbooks, its sums of squares entry by entry."""
+    rng = np.random.default_rng(7)
+    table = rng.normal(0, 1, (5, 1)) + rng.normal(0, 0.4, (5, 3))
+    table += [-1.0, 0.3, 1.6] if seeds_matter else -table.mean(axis=0)
+    views, seeds = table.shape
+    grand = table.mean()
+    of_views = [row.mean() for row in table]
+    of_seeds = [column.mean() for column in table.T]
+    free = (views - 1) * (seeds - 1)
+    view = seeds * sum((mean - grand) ** 2 for mean in of_views) / (views - 1)
+    seed = views * sum((mean - grand) ** 2 for mean in of_seeds) / (seeds - 1)
+    rest = (
+        sum(
+            (table[v, s] - of_views[v] - of_seeds[s] + grand) ** 2
+            for v in range(views)
+            for s in range(seeds)
+        )
+        / free
+    )
+    # seeds that differ by less than the rest does add no negative variance: views' is left
+    total = view + seed - rest if seeds_matter else view
+    freedom = total**2 / (view**2 / (views - 1) + seed**2 / (seeds - 1) + rest**2 / free)
+    half = stats.t.ppf(0.95, freedom) * np.sqrt(total / table.size)
+    found = statistics.crossed(table, 0.9)
+    expected = (grand, grand - half, grand + half, 15)
+    assert (found.mean, found.low, found.high, found.samples) == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "beyond"),
+    [(0.1, 0.3, True), (-0.3, -0.1, True), (0.0, 0.3, False), (-0.3, 0.0, False), (-1, 1, False)],
+)
+def test_a_sign_is_beyond_doubt_where_the_whole_interval_has_it(
+    low: float, high: float, beyond: bool
+) -> None:
+    assert statistics.Interval((low + high) / 2, low, high, 6).excludes_zero() == beyond
+
+
 def test_pairing_cancels_what_views_have_in_common() -> None:
     rng = np.random.default_rng(0)
     base = {(f"v{i}", 0): float(rng.normal(25, 5)) for i in range(6)}
@@ -58,8 +98,9 @@ def test_what_strata_differ_by_is_no_noise() -> None:
     assert found.mean == pytest.approx(3)
     assert found.samples == 6
     assert found.half == pytest.approx(2.776445 * 0.2 / np.sqrt(6), rel=1e-5), "t with 4 freedoms"
-    alone = statistics.stratified([[0.1, 0.3]], 0.95)
-    assert alone.half == pytest.approx(statistics.sample([0.1, 0.3], 0.95).half)
+    uneven = [0.0, 0.0, 3.0, 0.5]
+    alone = statistics.stratified([uneven], 0.95)
+    assert alone.half == pytest.approx(statistics.sample(uneven, 0.95).half)
     assert statistics.stratified([[1.0], [2.0]]).half == np.inf
 
 
@@ -87,10 +128,21 @@ def test_where_most_are_equal_the_mean_deviation_is_the_scale() -> None:
     equal = {str(k): 1.0 for k in range(9)}
     assert statistics.outliers(equal) == []
     assert statistics.outliers(equal | {"one": 1.5}) == ["one"]
-    assert statistics.outliers({"a": 1.0, "b": 1.0, "c": 9.0}) == []  # too few to say
+    four = {"a": 1.0, "b": 1.1, "c": 1.05, "d": 9.0}
+    assert statistics.outliers(four) == [], "too few to say"
+    assert statistics.outliers(four | {"e": 1.02}) == ["d"]
+
+
+@pytest.mark.parametrize(("count", "found"), [(8, []), (9, ["x", "y"])])
+def test_two_values_of_few_stretch_the_scale_that_they_are_measured_by(
+    count: int, found: list[str]
+) -> None:
+    """By mean deviation they are 1 / (1.2533 × 2 / count) away, beyond 3.5 from nine values on."""
+    equal = {str(k): 1.0 for k in range(count - 2)}
+    assert statistics.outliers(equal | {"x": 2.0, "y": 2.0}) == found
 
 
 def test_differences_by_view_are_means_over_shared_seeds() -> None:
-    candidate = {("a", 0): 2.0, ("a", 1): 4.0, ("b", 0): 1.0, ("c", 0): 9.0}
-    baseline = {("a", 0): 1.0, ("a", 1): 1.0, ("b", 0): 1.5}
+    candidate = {("a", 0): 2.0, ("a", 1): 2.0, ("a", 2): 5.0, ("b", 0): 1.0, ("c", 0): 9.0}
+    baseline = {("a", 0): 1.0, ("a", 1): 1.0, ("a", 2): 1.0, ("b", 0): 1.5}
     assert statistics.by_view(candidate, baseline) == {"a": 2.0, "b": -0.5}

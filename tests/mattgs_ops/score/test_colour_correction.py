@@ -32,6 +32,15 @@ def test_only_the_masks_pixels_are_fitted() -> None:
     np.testing.assert_allclose(fitted[mask], TRUTH[mask], atol=1e-9)
 
 
+def test_corrected_colours_stay_in_range() -> None:
+    rendered = 0.3 + 0.4 * TRUTH
+    rendered[0, 0], rendered[0, 1] = 1.0, 0.0  # beyond all that the fit is made by
+    fitted = colour_corrected(rendered, TRUTH)
+    assert (fitted[0, 0] == 1).all()
+    assert (fitted[0, 1] == 0).all()
+    assert (fitted.min(), fitted.max()) == (0, 1)
+
+
 def test_one_colour_everywhere_is_no_trouble() -> None:
     flat = np.full_like(TRUTH, 0.3)
     fitted = colour_corrected(flat, TRUTH)

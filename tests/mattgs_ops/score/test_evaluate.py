@@ -77,6 +77,27 @@ def test_what_is_stored_is_what_is_scored(scene: Scene, ply: Path, tmp_path: Pat
     assert json.loads((out / "evaluation.json").read_text()) == after
 
 
+def test_a_pixel_is_in_the_mask_from_half_of_its_area_on(
+    scene: Scene, ply: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    render_views(scene, ply, ORIGINAL, WIDTH, out)
+    left = np.arange(WIDTH) < WIDTH // 2
+    mask = np.tile(np.where(left, 128, 127).astype(np.uint8), (HEIGHT, 1))
+    Image.fromarray(mask).save(out / "masks" / "test" / "00.jpg.png")
+    path = out / "renders" / "test" / "00.jpg.png"
+    right = stored(path)
+
+    def scores(wrong: np.ndarray) -> dict[str, float]:
+        Image.fromarray(np.where(wrong[:, None], 255 - right, right)).save(path)
+        view: dict[str, float] = score(out)["per_view"][0]
+        return view
+
+    outside = scores(~left)
+    assert outside["mask_l1"] == 0 < outside["l1"]
+    assert scores(left)["mask_l1"] > 0
+
+
 def decisive(scene: Scene, ply: Path, condition: Condition, out: Path) -> dict[str, str]:
     render_views(scene, ply, condition, WIDTH, out)
     digests = score(out)["digests"]

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 import torch
 
+from mattgs_ops.capture.camera import Camera
 from mattgs_ops.capture.scene import Scene, SparsePoints
 from mattgs_ops.score.evaluate import render_views, score
-from mattgs_ops.score.haze import AIR, depth_of_air, haze_map
+from mattgs_ops.score.haze import AIR, FEWEST_POINTS, depth_of_air, haze_map
 from mattgs_ops.splat.files.ply import write_ply
 from mattgs_ops.splat.gaussians import Splats
 from mattgs_ops.splat.training.optimise import concatenate
@@ -48,6 +49,36 @@ def test_air_ends_well_before_the_nearest_points() -> None:
     assert AIR * depths[0] <= depth <= AIR * depths[10]
     assert depth_of_air(np.array([[0, 0, -3.4], *POINTS]), camera(0)) == pytest.approx(depth, 0.02)
     assert depth_of_air(POINTS[:50], camera(0)) is None
+
+
+LENS = camera(0).intrinsics
+MIDDLE = (WIDTH / 2, HEIGHT / 2)
+
+
+def points_at(pixel: tuple[float, float], depths: np.ndarray) -> np.ndarray:
+    """Return points [N, 3] that a camera at the origin sees at a pixel, that deep."""
+    x, y = (pixel[0] - LENS.cx) / LENS.fx, (pixel[1] - LENS.cy) / LENS.fy
+    return np.outer(depths, [x, y, 1.0])
+
+
+@pytest.mark.parametrize("unit", [1.0, 0.01])
+@pytest.mark.parametrize(
+    "pixel",
+    [(-1.0, 16.0), (WIDTH + 1.0, 16.0), (20.0, -1.0), (20.0, HEIGHT + 1.0), (-1.0, -1.0)],
+)
+def test_points_beside_the_frame_or_behind_the_camera_say_nothing_of_its_air(
+    pixel: tuple[float, float], unit: float
+) -> None:
+    eye = Camera(LENS, np.eye(3), np.zeros(3))
+    framed = points_at(MIDDLE, unit * np.linspace(4.0, 6.0, 101))
+    depth = depth_of_air(framed, eye)
+    assert depth == pytest.approx(AIR * 4.02 * unit), "one in a hundred is nearer"
+    beside = points_at(pixel, unit * np.linspace(0.5, 1.0, 200))
+    behind = points_at(MIDDLE, unit * np.linspace(-1.0, -0.5, 200))
+    assert depth_of_air(np.concatenate([framed, beside, behind]), eye) == depth
+    fewest = framed[:FEWEST_POINTS]
+    assert depth_of_air(np.concatenate([fewest, beside]), eye) is not None
+    assert depth_of_air(np.concatenate([fewest[1:], beside, behind]), eye) is None
 
 
 def test_the_object_itself_is_no_haze() -> None:

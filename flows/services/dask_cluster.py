@@ -8,10 +8,12 @@ resources, and all of them this package in this version.
 
 import logging
 import os
+import signal
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
+from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any
 
@@ -74,7 +76,8 @@ def started(out: Path, run: RunConfig) -> Iterator[Cluster]:
     import dask
     from distributed import LocalCluster
 
-    with dask.config.set(IDLE | {"distributed.scheduler.allowed-failures": run.retries + 2}):
+    retries = {"distributed.scheduler.allowed-failures": run.retries + 2}
+    with dask.config.set(IDLE | retries), _spared_ctrl_c():
         cluster = LocalCluster(
             n_workers=worker_count(run),
             threads_per_worker=1,
@@ -90,6 +93,21 @@ def started(out: Path, run: RunConfig) -> Iterator[Cluster]:
         yield Cluster(cluster.scheduler_address, cluster.dashboard_link)
     finally:
         cluster.close(timeout=10)
+
+
+@contextmanager
+def _spared_ctrl_c() -> Iterator[None]:
+    """Have what is started in this block never see Ctrl-C, which a terminal sends to all at once.
+
+    Workers end when the cluster is closed; those that were hit would print how they died. Threads
+    inherit which signals are blocked, and so do the processes that they start, now or later.
+    """
+    resource_tracker.ensure_running()  # which unblocks the signal in the thread that starts it
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager

@@ -208,6 +208,8 @@ def _child(job: StageJob) -> int:
     """Run the operation; leave a verdict file when it fails."""
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # a crash leaves a log, not gigabytes
     faulthandler.enable()
+    # blocked in workers, as flows/services/dask_cluster.py says; what the stage starts may need it
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     module, _, function = job.operation.partition(":")
     status = StatusFile(job.status)
     try:

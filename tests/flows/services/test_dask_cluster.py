@@ -1,6 +1,7 @@
 """The Dask cluster: ours by cores, an existing one over TLS, its workers checked beforehand."""
 
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -56,6 +57,16 @@ def test_our_own_workers_rest_while_their_stages_work(tmp_path: Path) -> None:
         ).values()
     assert "profile" not in calls
     assert min(calls.values()) >= 500, "milliseconds"
+
+
+def test_ctrl_c_is_not_for_our_workers(tmp_path: Path) -> None:
+    """A terminal sends it to all of its processes: the workers end with the cluster, in silence."""
+    with started(tmp_path, RunConfig(workers=1)) as cluster, Client(cluster.scheduler) as client:
+        (worker,) = client.run(os.getpid).values()
+        os.kill(worker, signal.SIGINT)
+        for _ in range(5):
+            assert client.submit(os.getpid, pure=False).result(timeout=START_SECONDS) == worker
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, set()), "for this one"
 
 
 @pytest.fixture(scope="module")

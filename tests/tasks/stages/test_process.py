@@ -15,7 +15,7 @@ from tasks.stages.status import StatusFile, read
 from tests.tasks.waiting import alive, wait_for
 
 OPERATIONS = """
-import ctypes, os, subprocess, time
+import ctypes, os, signal, subprocess, time
 from pathlib import Path
 from mattgs_ops.errors import InputError, StageError
 
@@ -27,6 +27,9 @@ def good(arguments, out, threads, progress):
 
 def memory(arguments, out, threads, progress):
     (out / "trim").write_text(os.environ.get("MALLOC_TRIM_THRESHOLD_", "its own"))
+
+def spared(arguments, out, threads, progress):
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, set())
 
 def segfault(arguments, out, threads, progress):
     ctypes.string_at(0)
@@ -104,6 +107,15 @@ def test_a_stage_does_not_inherit_how_dask_has_its_workers_give_memory_back(
     monkeypatch.setenv("MALLOC_TRIM_THRESHOLD_", "65536")
     run(job("memory"))
     assert (tmp_path / "trim").read_text() == "its own"
+
+
+def test_a_stage_may_be_interrupted_though_its_worker_may_not(job: Any) -> None:
+    """Programs that it starts may send each other SIGINT."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        run(job("spared"))
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @pytest.mark.parametrize(

@@ -37,6 +37,20 @@ def test_masks_that_contradict_each_other_or_the_network(
     assert re.search(words, doubt.text)
 
 
+@pytest.mark.parametrize(
+    ("agreement", "doubted"),
+    [
+        ({"silhouettes": 0.49, "votes": 0.5}, False),
+        ({"silhouettes": 0.5, "votes": 0.1}, False),
+        ({"silhouettes": 0.49, "votes": 0.49}, True),
+        ({"overlap": {"a": 0.9, "b": 0.45, "c": 0.2}}, False),  # on average 0.52
+        ({"overlap": {"a": 0.9, "b": 0.45, "c": 0.1}}, True),  # 0.48
+    ],
+)
+def test_agreement_is_in_doubt_below_a_half(agreement: dict[str, object], doubted: bool) -> None:
+    assert bool(of_masks(report(), {"agreement": GOOD | agreement})) is doubted
+
+
 def test_maps_that_share_no_object() -> None:
     none = {"none": "the photos' maps share no object"}
     assert [doubt.serious for doubt in of_masks(report(), {"agreement": none})] == [True]
@@ -52,15 +66,45 @@ def test_masks_that_cover_the_frame_unless_they_are_meant_to() -> None:
     assert of_masks(report(flags, source="none"), {}) == []
 
 
+@pytest.mark.parametrize(("count", "doubted"), [(5, False), (6, True)])
+def test_a_flag_of_more_than_half_of_the_views_is_the_captures(count: int, doubted: bool) -> None:
+    flags = (("frame",),) * count + ((),) * (10 - count)
+    assert bool(of_masks(report(flags), {"agreement": GOOD})) is doubted
+
+
 def test_a_dropped_view_is_told_and_no_reason_for_doubt() -> None:
     (doubt,) = of_masks(report(), {"agreement": GOOD, "dropped": ["7.jpg"]})
     assert not doubt.serious
     assert "7.jpg" in doubt.text
 
 
+@pytest.mark.parametrize(
+    ("count", "words"),
+    [
+        (1, "found in 0.jpg: nothing"),
+        (5, "0.jpg, 1.jpg, 2.jpg, 3.jpg, 4.jpg: nothing"),
+        (6, "3.jpg, 4.jpg and 1 more: nothing"),
+        (8, "3.jpg, 4.jpg and 3 more: nothing"),
+    ],
+)
+def test_five_dropped_views_are_named_and_the_others_counted(count: int, words: str) -> None:
+    dropped = [f"{index}.jpg" for index in range(count)]
+    (doubt,) = of_masks(report(), {"agreement": GOOD, "dropped": dropped})
+    assert words in doubt.text
+    assert "5.jpg" not in doubt.text
+
+
+def spread(stops: float) -> float:
+    """Return the factor between sRGB values of photos that are so many stops apart."""
+    return float(2 ** (stops / 2.2))
+
+
+@pytest.mark.parametrize(("stops", "told"), [(1 / 3, False), (0.49, False), (0.51, True)])
+def test_exposures_are_told_from_half_a_stop_on(stops: float, told: bool) -> None:
+    assert bool(of_exposure(spread(stops))) is told
+
+
 def test_photos_of_other_exposures_are_told_without_forbidding_a_verdict() -> None:
-    third, stop = 2 ** (1 / 3 / 2.2), 2 ** (1 / 2.2)  # as factors of sRGB values
-    assert of_exposure(third) == []
-    (one,) = of_exposure(stop)
+    (one,) = of_exposure(spread(1.0))
     assert (one.about, one.serious) == ("exposure", False)
     assert "exposure by up to 1.0 stops: compare colour-corrected scores" in one.text

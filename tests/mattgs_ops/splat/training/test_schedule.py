@@ -59,6 +59,45 @@ def test_without_scaling_a_shorter_run_just_ends_earlier() -> None:
         assert short.degree(step) == long.degree(step)
 
 
+@pytest.mark.parametrize(
+    ("iterations", "sh_every", "begin", "until", "every", "reset"),
+    [
+        (300, 25, 29, 225, 30, 0),  # every tenth of the run, for three quarters of it
+        (1000, 33, 99, 750, 100, 0),  # from here on a hundred steps apart
+        (2999, 100, 99, 2249, 100, 0),  # a reset at 2,000 would have 999 steps to heal
+        (3000, 100, 99, 2250, 100, 1000),
+        (4000, 133, 99, 2500, 100, 1000),  # three quarters, but not beyond 2,500
+        (7000, 233, 117, 3500, 100, 1000),  # half of the run
+        (30_000, 1000, 500, 15_000, 100, 3000),  # as published
+        (60_000, 2000, 1000, 30_000, 200, 6000),
+    ],
+)
+def test_floors_and_ceilings_bind_where_a_run_is_too_short_for_the_published_schedule(
+    iterations: int, sh_every: int, begin: int, until: int, every: int, reset: int
+) -> None:
+    found = Schedule.of(TrainConfig(), iterations, EXTENT)
+    assert (found.sh_every, found.densify_from, found.densify_until) == (sh_every, begin, until)
+    assert (found.densify_every, found.reset_every) == (every, reset)
+    assert [found.observes(step) for step in (1, until - 1, until)] == [True, True, False]
+
+
+@pytest.mark.parametrize(
+    ("iterations", "scaled", "begin", "until", "every"),
+    [
+        (1000, True, 19, 833, 20),  # at least 20 steps apart
+        (10_000, True, 167, 8333, 33),  # a third of the published steps
+        (30_000, True, 500, 25_000, 100),
+        (1000, False, 500, 25_000, 100),
+    ],
+)
+def test_mcmc_relocates_by_its_own_steps_and_never_resets(
+    iterations: int, scaled: bool, begin: int, until: int, every: int
+) -> None:
+    found = Schedule.of(TrainConfig(scale_schedule=scaled), iterations, EXTENT, mcmc=True)
+    assert (found.densify_from, found.densify_until, found.densify_every) == (begin, until, every)
+    assert found.reset_every == 0
+
+
 @pytest.mark.parametrize("iterations", [300, 500, 1000, 1300])
 def test_short_runs_still_densify_and_never_reset(iterations: int) -> None:
     schedule = Schedule.of(TrainConfig(), iterations, EXTENT)

@@ -47,6 +47,10 @@ from mattgs_ops.object_masks.splats.votes import CERTAIN, Votes
 from mattgs_ops.object_masks.witnesses import UNCONFIRMED, Known, Witnessed, judge_parts
 
 LEAST = 0.01  # agreement below it counts as this much: ratios stay finite
+# Of what the maps show: a ground's cut that leaves less went through the object, as through a
+# facade on which most points lie. Maps may take along what the object stands on, but hardly three
+# times its own size of that.
+LEAST_LEFT = 0.25
 
 Source = Literal["votes", "maps"]
 
@@ -74,7 +78,8 @@ class Decision:
     ``level`` is the mean vote from which on splats that are object meet the maps best.
     ``confirmed`` is the share of outlines that lies on an edge of the photo, by whose outline it
     is; ``attached`` the area that attached parts add to that of the votes, ``alike`` the share of
-    it that has the object's colours, where it was asked for. ``own_kept``: maps stay as they were,
+    it that has the object's colours, where it was asked for; ``left`` the share of the maps that
+    the masks of the votes leave. ``own_kept``: maps stay as they were,
     as correcting them leads their outlines away from edges.
     """
 
@@ -88,6 +93,7 @@ class Decision:
     attached_kept: bool
     own_kept: bool
     alike: float | None
+    left: float | None
     views: tuple[ViewEvidence, ...]
 
 
@@ -117,6 +123,9 @@ def decide(known: Known, votes: Votes | None) -> tuple[Decision, list[SoftMap]]:
     voted = whole if parts.join else certain
     agreement = _votes_agreement(votes, voted, known.speaking)
     objection = _objection(known.silhouettes, agreement, confirmed)
+    left = _share_left(known, voted.maps)
+    if votes.place.ground is not None and left < LEAST_LEFT:
+        objection = objection or f"the ground's cut leaves {left:.2f} of what the photos' maps show"
     if known.plain_ground:
         objection = objection or _objection_of_edges(voted.confirmed(deciding), confirmed["maps"])
     denied = _denied(known, certain, voted)
@@ -133,6 +142,7 @@ def decide(known: Known, votes: Votes | None) -> tuple[Decision, list[SoftMap]]:
         attached_kept=parts.join,
         own_kept=kept,
         alike=parts.alike,
+        left=left,
         views=tuple(
             ViewEvidence(*one)
             for one in zip(
@@ -179,7 +189,18 @@ def _without_votes(known: Known, confirmed: dict[str, float]) -> Decision:
         for name, one in zip(known.names, known.by_outline, strict=True)
     )
     return Decision(
-        "maps", reason, known.silhouettes, None, None, confirmed, 0.0, False, False, None, views
+        "maps",
+        reason,
+        known.silhouettes,
+        None,
+        None,
+        confirmed,
+        0.0,
+        False,
+        False,
+        None,
+        None,
+        views,
     )
 
 
@@ -244,6 +265,15 @@ def _objection(silhouettes: float, votes: float, confirmed: dict[str, float]) ->
         f"{confirmed['votes']:.2f}, less than silhouettes, {silhouettes:.2f}, and maps, "
         f"{confirmed['maps']:.2f}, do"
     )
+
+
+def _share_left(known: Known, masks: Sequence[SoftMap]) -> float:
+    """Return the share of the photos' own maps that masks [H, W] of all views leave; 1 of none.
+
+    The agreement of others' votes does not see what the ground's cut takes away.
+    """
+    shares = [float((masks[k][known.own.maps[k] >= HALF] >= HALF).mean()) for k in known.speaking]
+    return float(np.mean(shares)) if shares else 1.0
 
 
 def _objection_of_edges(votes: float, maps: float) -> str:

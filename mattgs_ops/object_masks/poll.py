@@ -15,7 +15,13 @@ from numpy.typing import NDArray
 
 from mattgs_ops.capture.camera import Camera
 from mattgs_ops.capture.masks import SoftMap
-from mattgs_ops.object_masks.decision import Decision, ViewEvidence, decide, half_meet_best
+from mattgs_ops.object_masks.decision import (
+    LEAST_LEFT,
+    Decision,
+    ViewEvidence,
+    decide,
+    half_meet_best,
+)
 from mattgs_ops.object_masks.photo_evidence.edges import surely_larger
 from mattgs_ops.object_masks.splats.ground_plane import Plane
 from mattgs_ops.object_masks.splats.surfaces import without_haze
@@ -47,6 +53,12 @@ class Judged:
         """Whether maps may invent as much as they miss (``decision.half_meet_best``)."""
         level = self.decision.level
         return level is not None and half_meet_best(level)
+
+    @property
+    def object_cut(self) -> bool:
+        """Whether the cut leaves too little of what the maps show, as of a facade."""
+        left = self.decision.left
+        return self.ground_cut and left is not None and left < LEAST_LEFT
 
     @property
     def cut_in_doubt(self) -> bool:
@@ -100,10 +112,11 @@ class Poll:
             strict = self._judged(ballot, half_needed=True)
             passes = strict.believed and not found.believed
             found = strict if passes or self._better(strict, found, _meets_both) else found
-        if found.cut_in_doubt:
+        if found.cut_in_doubt or found.object_cut:
             without = self._judged(ballot, cut_ground=False, half_needed=found.half_needed)
             if without.believed:
-                found = without if self._cut_is_denied(found, without) else found
+                denied = found.object_cut or self._cut_is_denied(found, without)
+                found = without if denied else found
             elif not found.believed:  # they only correct maps, by what is the better guess
                 found = max(found, without, key=lambda one: self._mean(one, _meets_both))
         return found

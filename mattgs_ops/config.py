@@ -85,7 +85,7 @@ class SfmConfig(Frozen):
     upsample: bool = Field(True, description="SIFT starts at twice the photos' size")
     peak_threshold: float = Field(0.02 / 3, gt=0, description="SIFT's; lower finds fainter ones")
     mapper: Literal["incremental", "global"] = "incremental"
-    matcher: Literal["auto", "exhaustive", "sequential", "spatial"] = "auto"
+    matcher: Literal["auto", "exhaustive", "sequential", "similar"] = "auto"
     exhaustive_limit: int = Field(25, ge=2, description="auto: all pairs up to this many views")
     similar_limit: int = Field(120, ge=2, description="auto: similar pairs up to this many")
     min_registered: float = Field(0.5, gt=0, le=1, description="share of views; fewer is a failure")

@@ -110,10 +110,10 @@ def choose_pairs(
     """
     views, matcher = len(descriptors), config.matcher
     if matcher == "auto" and views <= config.similar_limit:
-        matcher = "exhaustive" if views <= config.exhaustive_limit else "spatial"
+        matcher = "exhaustive" if views <= config.exhaustive_limit else "similar"
     if matcher == "exhaustive":
         return exhaustive(views)
-    if matcher == "spatial":
+    if matcher == "similar":
         return most_similar(descriptors, SIMILAR_ALONE, threads)
     return sorted({*sequential(views), *most_similar(descriptors, SIMILAR_BESIDE, threads)})
 

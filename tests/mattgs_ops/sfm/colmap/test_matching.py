@@ -102,7 +102,7 @@ def test_few_views_are_matched_exhaustively_more_by_looks_and_many_as_a_sequence
     assert len(matching.choose_pairs(data, SfmConfig(exhaustive_limit=40))) == everything
     assert len(matching.choose_pairs(data, SfmConfig(matcher="exhaustive"))) == everything
     assert matching.choose_pairs(data, SfmConfig()) == matching.choose_pairs(
-        data, SfmConfig(matcher="spatial")
+        data, SfmConfig(matcher="similar")
     )
     sequence = matching.choose_pairs(data, SfmConfig(similar_limit=39))
     assert {(0, 1), (0, 10), (0, 16), (0, 32), (7, 39)} <= set(sequence)
@@ -124,7 +124,7 @@ def test_a_sequence_closes_its_loop_by_looks() -> None:
     data[59] = noisy(data[0], rng, 4.0)
     assert (0, 59) not in matching.sequential(60)
     assert (0, 59) in matching.choose_pairs(data, SfmConfig(matcher="sequential"))
-    assert (0, 59) in matching.choose_pairs(data, SfmConfig(matcher="spatial"))
+    assert (0, 59) in matching.choose_pairs(data, SfmConfig(matcher="similar"))
 
 
 def test_views_with_known_poses_are_compared_when_they_look_the_same_way() -> None:

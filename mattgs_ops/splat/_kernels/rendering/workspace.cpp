@@ -33,8 +33,8 @@ void give_workspace(std::unique_ptr<Workspace> workspace) {
 
 int64_t Workspace::bytes() const {
     int64_t sum = unsorted.bytes() + sorted.bytes() + depths.bytes() + colours.bytes() +
-                  extra.bytes() + slots.bytes() + scratch.bytes() + keys.bytes() + keys_spare.bytes() + order.bytes() +
-                  slots_of.bytes() + pairs.bytes() + pixels.bytes();
+                  extra.bytes() + slots.bytes() + keys.bytes() + keys_spare.bytes() +
+                  order.bytes() + slots_of.bytes() + pairs.bytes() + pixels.bytes();
     for (const Chunk& c : chunks) sum += c.pairs.bytes();
     return sum;
 }

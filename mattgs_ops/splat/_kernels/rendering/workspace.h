@@ -17,7 +17,7 @@ struct Chunk {  // what one thread bins
 
 struct Workspace {
     Buffer<Projected> unsorted, sorted;
-    Buffer<float> depths, colours, extra, slots, scratch;
+    Buffer<float> depths, colours, extra, slots;
     Buffer<uint64_t> keys, keys_spare;
     Buffer<uint32_t> order;
     Buffer<Slots> slots_of;

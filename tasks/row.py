@@ -274,8 +274,7 @@ def _warnings(place: Place, artifacts: Mapping[str, Artifact]) -> list[dict[str,
     solved = "sfm" in artifacts
     extra = _read(place.folder(scene_of(artifacts)) / "scene.json")["extra"] if solved else {}
     found = doubts.of_masks(MaskReport.load(masks / "masks.json"), extra)
-    serious = bool(extra.get("poses_in_doubt"))
-    found += [doubts.Doubt("poses", text, serious) for text in extra.get("warnings") or ()]
+    found += doubts.of_poses(extra)
     exposures = "train" in artifacts and place.folder(artifacts["train"]) / EXPOSURES_FILE
     if exposures and exposures.is_file():
         found += doubts.of_exposure(_read(exposures)["spread"])

@@ -12,6 +12,7 @@ import numpy as np
 
 from mattgs_ops.object_masks.silhouettes import CONTRADICT
 from mattgs_ops.segment.mask_report import FRAME_SHARE, MaskReport
+from mattgs_ops.sfm.colmap.moving_object import FROM_OBJECT
 
 MANY = 0.5  # of the views: a flag that more than half of them carry is the capture's
 DIFFERENT_EXPOSURE = 0.5  # stops: cameras set exposure in steps of thirds
@@ -37,6 +38,19 @@ def of_masks(report: MaskReport, extra: Mapping[str, Any]) -> list[Doubt]:
     if dropped:
         text = f"no object was found in {_named(dropped)}: nothing is trained or scored there"
         doubts.append(Doubt("masks", text, False))
+    return doubts
+
+
+def of_poses(extra: Mapping[str, Any]) -> list[Doubt]:
+    """Return what to say of poses; ``extra`` is the scene's own."""
+    serious = bool(extra.get("poses_in_doubt"))
+    doubts = [Doubt("poses", text, serious) for text in extra.get("warnings") or ()]
+    if any(FROM_OBJECT in step for step in extra.get("fallbacks") or ()):
+        text = (
+            "the object turns against what surrounds it, and poses hold for the object alone: with "
+            "background a training sees contradictions, so compare conditions without it"
+        )
+        doubts.append(Doubt("poses", text, False))
     return doubts
 
 

@@ -20,6 +20,7 @@ from mattgs_ops.sfm.colmap.guides import Guides, beside, sets_of
 from mattgs_ops.sfm.colmap.job import DATABASE_FILE, KEYPOINTS_FILE, MODEL_FOLDER, Answer, Job
 from mattgs_ops.sfm.colmap.matching import Matches, Pair, Verified, partners
 from mattgs_ops.sfm.colmap.moving_object import (
+    FROM_OBJECT,
     LEAST_MATCHES,
     MOST_EXPLAINED,
     share_denying,
@@ -181,7 +182,7 @@ def _reconstruct(state: Attempt, found: Sequence[Features]) -> Any:
 def _of_object(state: Attempt, found: Sequence[Features], reason: str) -> Any:
     """Reconstruct from the key points inside masks alone."""
     state.answer.mode = "masked"
-    state.answer.fallbacks.append(f"{reason}: poses from inside masks alone")
+    state.answer.fallbacks.append(f"{reason}: {FROM_OBJECT}")
     return _reconstruct(state, [f.of_mode("masked") for f in found])
 
 

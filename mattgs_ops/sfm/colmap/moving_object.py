@@ -19,6 +19,7 @@ Pair = tuple[int, int]
 Matches = NDArray[np.uint32]  # [M, 2] rows of the two views' key points
 Floats = NDArray[np.float64]
 
+FROM_OBJECT = "poses from inside masks alone"  # how the fallback ends that says so
 LEAST_MATCHES = 15  # COLMAP's default for keeping a pair
 LARGEST_ERROR = 4.0  # pixels from an epipolar line: COLMAP's default of two views' geometry
 # Of the pairs that show the object and whose views are placed. Repeated parts match wrongly where

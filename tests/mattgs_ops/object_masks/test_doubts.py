@@ -4,8 +4,9 @@ import re
 
 import pytest
 
-from mattgs_ops.object_masks.doubts import of_exposure, of_masks
+from mattgs_ops.object_masks.doubts import of_exposure, of_masks, of_poses
 from mattgs_ops.segment.mask_report import MaskReport, ViewReport
+from mattgs_ops.sfm.colmap.moving_object import FROM_OBJECT
 
 GOOD = {"silhouettes": 0.8, "votes": 0.9, "overlap": {"a": 0.9, "b": 0.7}}
 
@@ -102,6 +103,20 @@ def spread(stops: float) -> float:
 @pytest.mark.parametrize(("stops", "told"), [(1 / 3, False), (0.49, False), (0.51, True)])
 def test_exposures_are_told_from_half_a_stop_on(stops: float, told: bool) -> None:
     assert bool(of_exposure(spread(stops))) is told
+
+
+def test_poses_of_the_object_alone_are_told_without_forbidding_a_verdict() -> None:
+    step = f"the object moves against its surroundings: {FROM_OBJECT}"
+    (one,) = of_poses({"fallbacks": ["fainter key points sought", step]})
+    assert (one.about, one.serious) == ("poses", False)
+    assert "compare conditions without it" in one.text
+    assert of_poses({"fallbacks": ["fainter key points sought"]}) == []
+
+
+def test_views_without_a_pose_are_told_and_too_many_forbid_a_verdict() -> None:
+    for doubted in (False, True):
+        (one,) = of_poses({"warnings": ["only 4 of 8 views"], "poses_in_doubt": doubted})
+        assert (one.about, one.text, one.serious) == ("poses", "only 4 of 8 views", doubted)
 
 
 def test_photos_of_other_exposures_are_told_without_forbidding_a_verdict() -> None:

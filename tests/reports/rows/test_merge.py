@@ -78,6 +78,15 @@ def test_protocol_and_photos_are_compared_across_experiments(make_row: MakeRow) 
             merge([("a.json", [one]), ("b.json", [other])])
 
 
+def test_rows_that_say_nothing_of_photos_or_configuration_fit_any(make_row: MakeRow) -> None:
+    one, two = make_row("rover", "nobg", "3dgs"), make_row("rover", "nobg", "ours")
+    silent = changed(changed(two, "provenance.inputs", {}), "provenance.config_digest", None)
+    assert merge([("a", [one]), ("b", [silent])]) == [one, silent]
+    assert merge([("a", [silent]), ("b", [one])]) == [silent, one]
+    for first, second in ((two, silent), (silent, two)):  # of one experiment: the first counts
+        assert merge([("a", [first]), ("b", [second])]) == [first]
+
+
 def test_older_photos_and_protocols_are_left_out_by_name(make_row: MakeRow) -> None:
     new, other = make_row("rover", "nobg", "3dgs"), make_row("hexapod", "nobg", "3dgs")
     moved = changed(make_row("rover", "nobg", "ours"), "provenance.inputs", {"capture": "d2"})
@@ -92,6 +101,14 @@ def test_older_photos_and_protocols_are_left_out_by_name(make_row: MakeRow) -> N
     assert len(notes) == 2
     assert "other photos than the newest runs: rover/nobg-ours@" in notes[0]
     assert "another protocol (1) than the newest runs: rover/nobg-ours+@" in notes[1]
+
+
+def test_the_newest_row_alone_sets_the_protocol(make_row: MakeRow) -> None:
+    new = make_row("rover", "nobg", "3dgs") | {"protocol": 2}
+    old = [make_row("rover", "nobg", method) | {"protocol": 1} for method in ("ours", "ours+")]
+    kept, notes = newest_alike([new, *old])
+    assert (kept, len(notes)) == ([new], 1)
+    assert newest_alike([]) == ([], [])
 
 
 def test_a_file_of_something_else_is_named(make_row: MakeRow) -> None:

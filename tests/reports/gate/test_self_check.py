@@ -5,7 +5,17 @@ from math import comb
 import pytest
 
 from mattgs_ops.errors import InputError
-from reports.gate.self_check import CONFIDENCE, Rate, independent, markdown, rates_of, self_check
+from reports.gate.self_check import (
+    CONFIDENCE,
+    PLANTED,
+    Outcome,
+    Rate,
+    SelfCheck,
+    independent,
+    markdown,
+    rates_of,
+    self_check,
+)
 from tests.reports.gate.conftest import Rows, jittered, shift_views
 
 
@@ -74,6 +84,40 @@ def test_the_self_check_does_not_trust_it_on_rows_that_jump(old: Rows) -> None:
     assert wild.resampled.false_alarms.share < 0.1
     assert not wild.trusted
     assert "may not be trusted" in markdown(wild)
+
+
+def outcome(alarms: int, caught: int, trials: int) -> Outcome:
+    """Return so many false alarms, and so many catches of one planted loss, all of the others."""
+    first, *others = PLANTED
+    rates = {first: Rate(caught, trials)} | dict.fromkeys(others, Rate(trials, trials))
+    return Outcome(Rate(alarms, trials), Rate(0, trials), rates, {})
+
+
+@pytest.mark.parametrize(
+    ("alone", "drawn", "trusted"),
+    [
+        ((0, 4, 4), (0, 200, 200), True),
+        # of what was drawn: under 1 % false, at least 95 % caught
+        ((0, 4, 4), (1, 200, 200), True),
+        ((0, 4, 4), (2, 200, 200), False),
+        ((0, 4, 4), (0, 190, 200), True),
+        ((0, 4, 4), (0, 189, 200), False),
+        # of what is independent: no more alarms, and no fewer catches, than chance makes of that
+        ((1, 4, 4), (0, 200, 200), False),
+        ((1, 6, 6), (0, 200, 200), True),
+        ((2, 6, 6), (0, 200, 200), False),
+        ((0, 3, 4), (0, 200, 200), True),
+        ((0, 2, 4), (0, 200, 200), False),
+    ],
+)
+def test_trust_takes_what_was_drawn_and_what_chance_leaves_of_independent_runs(
+    alone: tuple[int, int, int], drawn: tuple[int, int, int], trusted: bool
+) -> None:
+    assert SelfCheck(8, outcome(*alone), outcome(*drawn)).trusted is trusted
+
+
+def test_of_no_trial_the_share_is_none() -> None:
+    assert Rate(0, 0).share == 0
 
 
 def test_a_self_check_needs_two_runs_of_the_same_grid(old: Rows) -> None:

@@ -69,6 +69,34 @@ def test_what_cannot_be_compared_is_never_the_same(
     assert report.exit_code == code
 
 
+def other_truth(row: Row) -> None:
+    row["digests"] = row["digests"] | {"truth": "d2"}
+
+
+def other_views_and_truth(row: Row) -> None:
+    other_views(row)
+    other_truth(row)
+
+
+@pytest.mark.parametrize(
+    ("change", "told", "judged"),
+    [
+        (other_config, "rows", set()),  # nothing of another experiment compares
+        (other_views, "rows", {"registered", "mean_iou"}),
+        (other_truth, "truth", {"registered", "mean_iou"}),
+        (other_views_and_truth, "rows", {"registered", "mean_iou"}),
+    ],
+)
+def test_scores_of_other_views_or_truth_leave_poses_and_masks_to_be_judged(
+    old: Rows, change: Callable[[Row], None], told: str, judged: set[str]
+) -> None:
+    rows = deepcopy(old[:1])
+    change(rows[0])
+    report = compare(rows, old[:1])
+    assert {metric for _, metric in found(report, Verdict.NOT_COMPARABLE)} == {told}
+    assert {f.metric for f in report.findings if f.change is not None} == judged
+
+
 def trained(row: Row, *names: str) -> Row:
     """Return the row as one that names all photos it was trained on, of which few were scored."""
     return row | {"trained_on": list(names)}

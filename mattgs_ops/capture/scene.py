@@ -228,6 +228,8 @@ def _read(folder: Path, file: str) -> tuple[dict[str, Any], tuple[View, ...]]:
         data = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:  # no file, no UTF-8 or no JSON
         raise InputError(f"{path}: expected a readable JSON file: {error}") from error
+    if not isinstance(data, dict) or not isinstance(data.get("views", []), list):
+        raise InputError(f"{path}: expected a JSON object with a list `views`")
     if data.get("schema") != SCHEMA:
         raise InputError(f"{path}: expected schema {SCHEMA}, found {data.get('schema')!r}")
     return data, tuple(_view_from_json(row, folder, path) for row in data["views"])

@@ -65,6 +65,13 @@ def test_a_file_of_another_schema_is_refused_by_name(tmp_path: Path) -> None:
         PreparedCapture.load(tmp_path)
 
 
+@pytest.mark.parametrize("text", ["[]", "1", '{"schema": 1, "views": 3}'])
+def test_json_of_another_form_is_refused_by_name(tmp_path: Path, text: str) -> None:
+    (tmp_path / "scene.json").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=r"scene\.json: expected a JSON object with a list `views`"):
+        Scene.load(tmp_path)
+
+
 def test_bytes_that_are_no_text_are_refused_by_name(tmp_path: Path) -> None:
     (tmp_path / "capture.json").write_bytes('{"name": "Gerät"}'.encode("latin-1"))
     with pytest.raises(InputError, match=r"capture\.json: expected a readable JSON file.*utf-8"):

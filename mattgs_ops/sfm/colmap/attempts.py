@@ -23,6 +23,7 @@ from mattgs_ops.sfm.colmap.moving_object import (
     FROM_OBJECT,
     LEAST_MATCHES,
     MOST_EXPLAINED,
+    explains_more,
     share_denying,
     share_explained,
 )
@@ -191,7 +192,7 @@ def _of_whole_or_object(
 ) -> Any:
     """Reconstruct from whole photos, and where that fails the object, from the object alone.
 
-    Returns the model that explains more of the object's matches; ``state`` has the answer of that
+    Returns the model that explains the object's matches; ``state`` has the answer of that
     one, with the seconds of both.
     """
     before, positions = deepcopy(state.answer), [f.positions for f in found]
@@ -220,7 +221,7 @@ def _of_whole_or_object(
             motion["masked"] = explained(other)
         except StageError as error:
             failure = failure or error
-        if motion.get("masked", -1.0) > motion.get("shared", -1.0):
+        if explains_more(motion.get("masked"), motion.get("shared")):
             model, state.answer = other, alone.answer
     if model is None:
         assert failure is not None

@@ -101,10 +101,15 @@ def inside(mask: NDArray[np.uint8], pixels: Array, depths: Array) -> NDArray[np.
 
 
 def on_object(points: SparsePoints, share: float = OBJECT_SHARE) -> SparsePoints:
-    """Keep the points that at least ``share`` of the views that see them place on the object."""
+    """Keep the points that lie on the object."""
+    return points.chosen(are_on_object(points, share))
+
+
+def are_on_object(points: SparsePoints, share: float = OBJECT_SHARE) -> NDArray[np.bool_]:
+    """Say which points [P] at least ``share`` of the views that see them place on the object."""
     # float32 shares such as 4/5 lie a hair beside the float64 threshold
-    keep = points.object_share >= np.float32(share)
-    return points.chosen(keep)
+    found: NDArray[np.bool_] = points.object_share >= np.float32(share)
+    return found
 
 
 def write_ply(points: SparsePoints, path: Path) -> None:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from mattgs_ops.capture.scene import Scene
-from mattgs_ops.capture.sparse import OBJECT_SHARE
+from mattgs_ops.capture.sparse import are_on_object
 from mattgs_ops.errors import StageError
 from mattgs_ops.frozen import Background
 from mattgs_ops.score.evaluate import RenderedViews
@@ -124,7 +124,7 @@ def _displacement(scene: Scene, splats_ply: Path, background: Background) -> tup
     if not visible.any():
         return float("inf"), 0.0
     points = scene.points()
-    chosen = points.object_share >= OBJECT_SHARE
+    chosen = are_on_object(points)
     given = points.xyz[chosen] if background == "nobg" and chosen.any() else points.xyz
     if not len(given):
         return 0.0, 1.0  # nothing to compare with

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mattgs_ops.capture.masks import read_map
 from mattgs_ops.capture.photos import read_rgb
 from mattgs_ops.capture.scene import Scene, View
-from mattgs_ops.capture.sparse import OBJECT_SHARE
+from mattgs_ops.capture.sparse import are_on_object
 from mattgs_ops.errors import InputError
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ def _scatter(axis: "Axes", photo: NDArray[np.uint8], xy: Array, title: str) -> N
 def _cloud(axis: "Axes", scene: Scene) -> None:
     points = scene.points()
     flat, centres = from_above(scene, points.xyz)
-    on_object = points.object_share >= np.float32(OBJECT_SHARE)
+    on_object = are_on_object(points)
     for xy, size, colour, marker in (
         (flat[~on_object], 1.5, OTHER_COLOUR, "o"),
         (flat[on_object], 1.5, OBJECT_COLOUR, "o"),

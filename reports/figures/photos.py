@@ -10,8 +10,8 @@ from matplotlib.colors import Normalize
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from mattgs_ops.capture.scene import Scene, SparsePoints, View
-from mattgs_ops.capture.sparse import OBJECT_SHARE
+from mattgs_ops.capture.scene import Scene, View
+from mattgs_ops.capture.sparse import OBJECT_SHARE, are_on_object
 from reports.figures import findings, pictures
 from reports.figures.attention import attention
 from reports.figures.picture_grid import GAP, TOP, bare, canvas, clear, show, side
@@ -148,17 +148,11 @@ def _on_object(found: Sequence[tuple[str, Scene, View]]) -> str:
     """Say which share of all sparse points lies on the object, per capture."""
     clouds = [(name, scene.points()) for name, scene, _ in found]
     shares = [
-        f"{_objects(points).mean() * 100:.0f} % of {capture_name(name)}'s"
+        f"{are_on_object(points).mean() * 100:.0f} % of {capture_name(name)}'s"
         for name, points in clouds
         if len(points.xyz)
     ]
     return f" ({', '.join(shares)})" if shares else ""
-
-
-def _objects(points: SparsePoints) -> NDArray[np.bool_]:
-    """Say which points are the object's, by the rule that training goes by."""
-    chosen: NDArray[np.bool_] = points.object_share >= np.float32(OBJECT_SHARE)
-    return chosen
 
 
 def _blocks(lanes: Sequence[Lane]) -> list[list[Lane]]:
@@ -214,7 +208,7 @@ def _points(axes: Axes, photo: Floats, scene: Scene, view: View) -> None:
         return
     xy, depth = view.camera.project(points.xyz)
     inside = (depth > 0) & ((xy >= 0) & (xy < [view.width, view.height])).all(axis=1)
-    on_object = _objects(points)
+    on_object = are_on_object(points)
     for chosen, colour in ((inside & ~on_object, "#7b8794"), (inside & on_object, "#D55E00")):
         axes.scatter(
             xy[chosen, 0] - 0.5, xy[chosen, 1] - 0.5, s=1.2, c=colour, linewidths=0, rasterized=True

@@ -23,7 +23,7 @@ from scipy.spatial import cKDTree
 from mattgs_ops.capture import visual_hull
 from mattgs_ops.capture.camera import Camera
 from mattgs_ops.capture.scene import SparsePoints
-from mattgs_ops.capture.sparse import OBJECT_SHARE
+from mattgs_ops.capture.sparse import are_on_object
 from mattgs_ops.errors import StageError
 from mattgs_ops.frozen import Background
 from mattgs_ops.splat.gaussians import Splats
@@ -74,7 +74,7 @@ def starting_points(
     """
     chosen = np.isfinite(points.xyz).all(axis=1)
     if background == "nobg":
-        chosen &= points.object_share >= OBJECT_SHARE
+        chosen &= are_on_object(points)
     if int(chosen.sum()) >= FEWEST_POINTS:
         return StartingPoints(
             points.xyz[chosen].astype(np.float64), points.rgb[chosen] / 255.0, "sparse"

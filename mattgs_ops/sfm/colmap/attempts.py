@@ -21,11 +21,10 @@ from mattgs_ops.sfm.colmap.job import DATABASE_FILE, KEYPOINTS_FILE, MODEL_FOLDE
 from mattgs_ops.sfm.colmap.matching import Matches, Pair, Verified, partners
 from mattgs_ops.sfm.colmap.moving_object import (
     FROM_OBJECT,
-    LEAST_MATCHES,
     MOST_EXPLAINED,
     explains_more,
     share_denying,
-    share_explained,
+    shares_explained,
 )
 from mattgs_ops.sfm.colmap.steps import UNITS, Attempt
 from mattgs_ops.sfm.lost_views import MOST_VIEWS
@@ -161,7 +160,7 @@ def _match(state: Attempt, found: Sequence[Features], cameras: Sequence[Any]) ->
     if not out:
         raise StageError(
             f"matching: none of {len(pairs)} pairs of views shows the same scene "
-            f"({LEAST_MATCHES} or more consistent matches); expected overlapping "
+            f"({matching.LEAST_MATCHES} or more consistent matches); expected overlapping "
             "photos of a textured, unmoving scene"
         )
     return out
@@ -198,27 +197,27 @@ def _of_whole_or_object(
     before, positions = deepcopy(state.answer), [f.positions for f in found]
     witnesses = {pair: one.on_object for pair, one in pairs.items() if one.on_object is not None}
 
-    def explained(model: Any, *, placed_only: bool = False) -> float:
-        return share_explained(
+    def explained(model: Any) -> tuple[float, float]:
+        return shares_explained(
             witnesses,
             mapping.posed(model),
             lambda view, rows: mapping.rays_of(model, view, positions[view][rows]),
-            placed_only=placed_only,
         )
 
     motion, model, failure = {"denying": share_denying(witnesses)}, None, None
+    of_placed = 0.0
     try:
         model = _place(state, found, pairs, cameras)
-        motion["shared"] = explained(model)
+        motion["shared"], of_placed = explained(model)
     except StageError as error:
         failure = error
-    if model is None or explained(model, placed_only=True) < MOST_EXPLAINED:
+    if of_placed < MOST_EXPLAINED:
         # clocks run on, whichever way is taken
         before.seconds, before.cpu_seconds = state.answer.seconds, state.answer.cpu_seconds
         alone = replace(state, answer=before)
         try:
             other = _of_object(alone, found, "the object moves against its surroundings")
-            motion["masked"] = explained(other)
+            motion["masked"], _ = explained(other)
         except StageError as error:
             failure = failure or error
         if explains_more(motion.get("masked"), motion.get("shared")):

@@ -18,13 +18,14 @@ from numpy.typing import NDArray
 from mattgs_ops.capture.camera import Camera
 from mattgs_ops.config import SfmConfig
 from mattgs_ops.sfm.colmap import _descriptors
-from mattgs_ops.sfm.colmap.moving_object import LEAST_MATCHES, ObjectMatches, object_matches
+from mattgs_ops.sfm.colmap.moving_object import ObjectMatches, object_matches
 
 Pair = tuple[int, int]
 Matches = NDArray[np.uint32]  # [M, 2] rows of the two views' key points
 
 RATIO, FARTHEST = 0.8, 0.7  # COLMAP's defaults: Lowe's ratio, and the largest angle in radians
 DESCRIPTOR_LENGTH = 512.0  # SIFT descriptors are unit vectors times 512, rounded
+LEAST_MATCHES = 15  # COLMAP's default for keeping a pair
 OVERLAP = 10  # neighbours in a sequence that are always compared
 # Pairs per view chosen by similarity, beside a sequence's and where nothing else chooses. On the
 # bundled hexapod 24 hold 87 % of all matches in two fifths of the pairs, 12 hold 71 %.

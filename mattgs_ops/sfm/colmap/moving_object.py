@@ -20,7 +20,6 @@ Matches = NDArray[np.uint32]  # [M, 2] rows of the two views' key points
 Floats = NDArray[np.float64]
 
 FROM_OBJECT = "poses from inside masks alone"  # how the fallback ends that says so
-LEAST_MATCHES = 15  # COLMAP's default for keeping a pair
 # Matches of an object's own geometry that are believed: COLMAP's default for placing a view. Parts
 # that repeat, such as legs, match wrongly with 15 to 30 in a third of the hexapod's pairs.
 BELIEVED_MATCHES = 30
@@ -67,18 +66,16 @@ def share_denying(found: Mapping[Pair, ObjectMatches]) -> float:
     return sum(one.deny for one in found.values()) / max(len(found), 1)
 
 
-def share_explained(
+def shares_explained(
     found: Mapping[Pair, ObjectMatches],
     cameras: Mapping[int, Camera],
     rays: Callable[[int, NDArray[np.uint32]], Floats],
-    *,
-    placed_only: bool = False,
-) -> float:
-    """Return the share of pairs of which poses explain half of the object's matches.
+) -> tuple[float, float]:
+    """Return the shares of pairs of which poses explain half of the object's matches.
 
-    ``cameras`` are the views that have a pose, ``rays`` returns key points of a view, named by
-    their rows, on its normalised image plane. Pairs with a view that has no pose are not explained,
-    or left out (``placed_only``). 1 without any pair.
+    Of all pairs, where one with a view that has no pose is not explained; and of those whose views
+    both have one. ``cameras`` are the views that have a pose, ``rays`` returns key points of a
+    view, named by their rows, on its normalised image plane. 1 without any pair.
     """
     placed = [pair for pair in found if set(pair) <= set(cameras)]
     explained = 0
@@ -87,14 +84,14 @@ def share_explained(
         here, there = (rays(view, matches[:, side]) for side, view in enumerate(pair))
         error = epipolar_error(cameras[pair[0]], cameras[pair[1]], here, there)
         explained += 2 * int((error < LARGEST_ERROR).sum()) >= len(error)
-    among = len(placed) if placed_only else len(found)
-    return explained / among if among else 1.0
+    of_all, of_placed = (explained / n if n else 1.0 for n in (len(found), len(placed)))
+    return of_all, of_placed
 
 
 def explains_more(alone: float | None, whole: float | None) -> bool:
     """Whether poses from the object alone are taken: they leave at most half as much unexplained.
 
-    Both are shares of pairs (:func:`share_explained`), None where no poses were found.
+    Both are shares of pairs (:func:`shares_explained`), None where no poses were found.
     """
     if alone is None or whole is None:
         return alone is not None

@@ -12,7 +12,7 @@ from mattgs_ops.sfm.colmap.moving_object import (
     explains_more,
     object_matches,
     share_denying,
-    share_explained,
+    shares_explained,
 )
 
 LENS = Intrinsics(400, 300, 500.0, 500.0, 200.0, 150.0)
@@ -113,8 +113,6 @@ def test_poses_explain_the_pairs_whose_matches_lie_on_their_lines() -> None:
     wrong = right | {2: right[2] + np.array([0.0, 20.0]) / LENS.fy}
     found = {pair: ObjectMatches(ALL, deny=False) for pair in [(0, 1), (0, 2), (1, 2), (2, 3)]}
     # view 3 has no pose
-    assert share_explained(found, cameras, lambda view, rows: right[view][rows]) == 0.75
-    assert share_explained(found, cameras, lambda view, rows: wrong[view][rows]) == 0.25
-    placed = share_explained(found, cameras, lambda v, rows: wrong[v][rows], placed_only=True)
-    assert placed == 1 / 3
-    assert share_explained({}, cameras, lambda view, rows: right[view][rows]) == 1.0
+    assert shares_explained(found, cameras, lambda view, rows: right[view][rows]) == (0.75, 1.0)
+    assert shares_explained(found, cameras, lambda view, rows: wrong[view][rows]) == (0.25, 1 / 3)
+    assert shares_explained({}, cameras, lambda view, rows: right[view][rows]) == (1.0, 1.0)

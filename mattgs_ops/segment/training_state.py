@@ -7,6 +7,7 @@ from typing import Any
 
 import torch
 from torch import nn
+from torch.optim.swa_utils import get_ema_multi_avg_fn
 
 from mattgs_ops.errors import InputError
 
@@ -15,12 +16,17 @@ from mattgs_ops.errors import InputError
 def follow(average: nn.Module, model: nn.Module, decay: float, step: int) -> None:
     """Move the average towards the network, faster in the first steps."""
     decay = min(decay, step / (step + 10))
-    pairs = zip(average.state_dict().values(), model.state_dict().values(), strict=True)
+    update = get_ema_multi_avg_fn(decay)  # type: ignore[no-untyped-call]  # torch leaves it untyped
+    pairs = list(zip(_tensors(average), _tensors(model), strict=True))
+    floats = [(mean, now) for mean, now in pairs if mean.is_floating_point()]
+    update([mean for mean, _ in floats], [now for _, now in floats], step)
     for mean, now in pairs:
-        if mean.is_floating_point():
-            mean.lerp_(now, 1 - decay)
-        else:
+        if not mean.is_floating_point():
             mean.copy_(now)
+
+
+def _tensors(model: nn.Module) -> list[torch.Tensor]:
+    return [*model.parameters(), *model.buffers()]
 
 
 def save_checkpoint(path: Path, state: Mapping[str, Any]) -> None:

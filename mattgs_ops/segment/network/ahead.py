@@ -1,8 +1,7 @@
 """Training batches drawn ahead of their steps, by a thread or by processes.
 
-A batch follows from the seed and the step alone, so it does not matter who draws it. On a GPU
-drawing is what a training waits for; each process draws whole batches then, and shares no composite
-with the others, so that showing them again (``reuse``) saves little there.
+On a GPU drawing is what a training waits for. Each process draws whole batches then, those of its
+own lane (``batches``), whose composites it keeps.
 """
 
 import multiprocessing
@@ -12,13 +11,12 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPool
 from pathlib import Path
 
 import cv2
-import numpy as np
-from numpy.typing import NDArray
 
 from mattgs_ops.segment.network.batches import Batches
 from mattgs_ops.segment.network.train_config import SegmentTrainConfig
+from mattgs_ops.segment.training_images.composites import Image
 
-Batch = tuple[NDArray[np.float32], NDArray[np.float32]]
+Batch = tuple[Image, Image]
 EACH_AHEAD = 2  # batches that are drawn or wait for each process
 
 _batches: Batches | None = None  # of a drawing process
@@ -30,26 +28,31 @@ def batches_ahead(batches: Batches, rendered: Path, start: int) -> Iterator[Batc
     ``rendered`` is the folder of traced views that ``batches`` was made with.
     """
     config = batches.config
-    pool: Executor
+    lanes: list[Executor]
     draw: Callable[[int], Batch]
     if config.workers:
         spawn = multiprocessing.get_context("spawn")  # forks of a process with threads can hang
         values = (config, rendered)
-        pool = ProcessPoolExecutor(config.workers, spawn, initializer=_open, initargs=values)
+        lanes = [
+            ProcessPoolExecutor(1, spawn, initializer=_open, initargs=values)
+            for _ in range(config.workers)
+        ]
         draw = _draw
     else:
-        pool, draw = ThreadPoolExecutor(1), batches.at
-    steps = iter(range(start, config.steps))
+        lanes, draw = [ThreadPoolExecutor(1)], batches.at
     waiting: deque[Future[Batch]] = deque()
     try:
-        for step in steps:
-            waiting.append(pool.submit(draw, step))
+        for step in range(start, config.steps):
+            waiting.append(lanes[step % len(lanes)].submit(draw, step))
             if len(waiting) > max(1, EACH_AHEAD * config.workers):
                 yield waiting.popleft().result()
         while waiting:
             yield waiting.popleft().result()
     finally:
-        pool.shutdown(cancel_futures=True)
+        for lane in lanes:
+            lane.shutdown(wait=False, cancel_futures=True)
+        for lane in lanes:
+            lane.shutdown()
 
 
 def _open(config: SegmentTrainConfig, rendered: Path) -> None:

@@ -1,8 +1,10 @@
 """Batches for the segmenter's training: composites and folders, mixed, augmented, reproducible.
 
-A batch follows from the seed and the step alone, so that a resumed training sees what an
-uninterrupted one would have seen. Composites are costlier to draw than to augment: each step draws
-a few new ones and shows older ones again, changed differently.
+A batch follows from the seed, the step and the number of lanes alone, so that a resumed training
+sees what an uninterrupted one would have seen. Composites are costlier to draw than to augment:
+each step draws a few new ones and shows older ones again, changed differently. Several processes
+that draw are lanes: of L lanes the steps s, s + L, s + 2L, … are one, and share their composites
+with no other.
 """
 
 from collections import OrderedDict
@@ -10,12 +12,10 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from mattgs_ops.capture.mask_files import decode_mask, find_mask
 from mattgs_ops.errors import InputError
 from mattgs_ops.segment.network.augment import augment
-from mattgs_ops.segment.network.preprocess import network_input
 from mattgs_ops.segment.network.train_config import FolderConfig, SegmentTrainConfig
 from mattgs_ops.segment.training_images.backdrops import Backdrop, load_backdrops
 from mattgs_ops.segment.training_images.composites import Composites, Image
@@ -52,10 +52,13 @@ class Folder:
 
 
 class Batches:
-    """Training batches by step, and the fixed validation set."""
+    """Training batches by step, and the fixed validation set.
+
+    ``lanes`` is the configuration's number of ``workers``, at least 1.
+    """
 
     def __init__(self, config: SegmentTrainConfig, rendered: Path | None = None) -> None:
-        self.config = config
+        self.config, self.lanes = config, max(1, config.workers)
         self.folders = [Folder(folder, config.rescale) for folder in config.folders]
         self.backdrops: tuple[Backdrop, ...] = ()
         self.backdrop_share = 0.0
@@ -69,8 +72,8 @@ class Batches:
         self.bank = Bank(config.seed)
         self._drawn: OrderedDict[tuple[int, int], tuple[Image, Image]] = OrderedDict()
 
-    def at(self, step: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Return inputs [B, 3, S, S] and truths [B, 1, S, S] (0..1) of a step."""
+    def at(self, step: int) -> tuple[Image, Image]:
+        """Return images [B, S, S, 3] RGB and masks [B, S, S] of a step, uint8, 255 is object."""
         start, stage = 0, self.config.stages[0]
         for stage in self.config.stages:
             if step < start + stage.steps:
@@ -78,21 +81,24 @@ class Batches:
             start += stage.steps
         rng = np.random.default_rng((self.config.seed, step))
         fresh = -(-stage.batch // self.config.reuse)
-        newest = fresh * (step - start + 1)
-        oldest = max(0, newest - self.config.pool)
-        inputs, truths = [], []
+        first = start + (step - start) % self.lanes  # this lane's first step of the leg
+        newest = fresh * ((step - first) // self.lanes + 1)
+        oldest = max(0, newest - max(fresh, self.config.pool // self.lanes))
+        images, masks = [], []
         for slot in range(stage.batch):
             folder = self._folder(rng)
             if folder is None:
                 again = slot >= fresh
                 index = int(rng.integers(oldest, newest)) if again else newest - 1 - slot
-                image, mask = self._composite(index + fresh * start, stage.size)
+                turn, place = divmod(index, fresh)
+                drawn = fresh * (first + turn * self.lanes) + place
+                image, mask = self._composite(drawn, stage.size)
             else:
                 image, mask = folder.sample(int(rng.integers(len(folder.pairs))))
             image, mask = augment(rng, image, mask, stage.size, self.config.augment)
-            inputs.append(network_input(image, stage.size, stage.size))
-            truths.append(mask[None].astype(np.float32) / 255)
-        return np.stack(inputs), np.stack(truths)
+            images.append(image)
+            masks.append(mask)
+        return np.stack(images), np.stack(masks)
 
     def validation(self, size: int) -> list[tuple[Image, Image]]:
         """Draw the validation set: composites of another seed."""

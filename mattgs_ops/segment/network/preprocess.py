@@ -2,7 +2,9 @@
 
 import cv2
 import numpy as np
+import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 IMAGENET_MEAN = np.array([0.485, 0.456, 0.406], np.float32)
 IMAGENET_DEVIATION = np.array([0.229, 0.224, 0.225], np.float32)
@@ -21,3 +23,16 @@ def network_input(
     values = image.astype(np.float32) / max(1.0, float(image.max()))
     normalised = (values - IMAGENET_MEAN) / IMAGENET_DEVIATION
     return np.ascontiguousarray(normalised.transpose(2, 0, 1))
+
+
+def network_inputs(images: Tensor) -> Tensor:
+    """Do what ``network_input`` does to images [B, S, S, 3] uint8 of the network's own size.
+
+    [B, 3, S, S] float32, where the images are.
+    """
+    mean, deviation = (
+        torch.from_numpy(values).to(images.device) for values in (IMAGENET_MEAN, IMAGENET_DEVIATION)
+    )
+    values = images.float()
+    values = values / values.amax((1, 2, 3), keepdim=True).clamp(min=1)
+    return ((values - mean) / deviation).permute(0, 3, 1, 2)

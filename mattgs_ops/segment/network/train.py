@@ -24,7 +24,7 @@ from mattgs_ops.progress import Progress, no_progress
 from mattgs_ops.segment.network.ahead import batches_ahead
 from mattgs_ops.segment.network.batches import Batches
 from mattgs_ops.segment.network.losses import segmentation_loss
-from mattgs_ops.segment.network.preprocess import network_input
+from mattgs_ops.segment.network.preprocess import network_input, network_inputs
 from mattgs_ops.segment.network.train_config import SegmentTrainConfig, StageConfig
 from mattgs_ops.segment.network.u2net import U2Net, load_weights
 from mattgs_ops.segment.training_images.composites import Image
@@ -75,8 +75,8 @@ def train(
     run.resume()
     began, before = time.perf_counter(), run.seconds
     scores: dict[str, float] = {}
-    for inputs, truths in batches_ahead(batches, out / "rendered", run.step):
-        loss = run.advance(inputs, truths)
+    for images, masks in batches_ahead(batches, out / "rendered", run.step):
+        loss = run.advance(images, masks)
         run.seconds = before + time.perf_counter() - began
         last = run.step == config.steps
         if run.step % config.validate_every == 0 or last:
@@ -134,21 +134,23 @@ class _Run:
         }
         save_checkpoint(self.path, state)
 
-    def advance(self, inputs: np.ndarray, truths: np.ndarray) -> float:
-        """Take one step of Adam; returns the loss."""
-        x, y = torch.from_numpy(inputs).to(self.device), torch.from_numpy(truths).to(self.device)
+    def advance(self, images: Image, masks: Image) -> float:
+        """Take one step of Adam on images [B, S, S, 3] and masks [B, S, S]; returns the loss."""
+        x = network_inputs(torch.from_numpy(images).to(self.device))
+        y = torch.from_numpy(masks).to(self.device)[:, None].float() / 255
         for group in self.optimiser.param_groups:
             group["lr"] = learning_rate(self.config.stages, self.step)
         loss = segmentation_loss(self._logits(x), y, self.config.loss)
-        if not math.isfinite(loss.item()):
-            raise StageError(f"segmenter training: the loss is {loss.item()} at step {self.step}")
         self.optimiser.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]  # torch leaves it untyped
         torch.nn.utils.clip_grad_norm_(self.model.parameters(), GRADIENT_LIMIT)
         self.optimiser.step()
         self.step += 1
         follow(self.average, self.model, self.config.average, self.step)
-        return float(loss.item())
+        value = float(loss.item())  # the step's only wait for the device
+        if not math.isfinite(value):
+            raise StageError(f"segmenter training: the loss is {value} at step {self.step - 1}")
+        return value
 
     def _logits(self, x: Tensor) -> tuple[Tensor, ...]:
         """Run the network in the asked-for precision; the seven outputs come back as float32.
@@ -182,12 +184,13 @@ def identity_of(config: SegmentTrainConfig) -> str:
     """Return everything of a configuration that changes the weights, as text."""
     passive = {
         "threads",
-        "workers",
         "device",
         "checkpoint_every",
         "validate_every",
         "validation_images",
     }
+    if config.reuse == 1 or config.workers <= 1:  # several lanes show other composites again
+        passive.add("workers")
     return config.model_dump_json(exclude=passive)
 
 

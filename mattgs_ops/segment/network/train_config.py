@@ -47,7 +47,10 @@ class RenderedConfig(Frozen):
     """Path-traced views to train on, made before the first step; see ``rendered``."""
 
     desks: int = Field(4, ge=1, description="cluttered ones")
-    plain: int = Field(0, ge=0, description="cloths, sweeps, bare tables, dark rooms with flash")
+    plain: int = Field(
+        0, ge=0, description="cloth, sweep, table, dark room with flash, turntable, wood, in turn"
+    )
+    figures: float = Field(0.0, ge=0, le=1, description="share of objects that are smooth figures")
     objects: int = Field(6, ge=1, description="objects put on each place, one after another")
     views: int = Field(5, ge=1, description="of each object")
     empty: int = Field(12, ge=1, description="views of each place without an object")

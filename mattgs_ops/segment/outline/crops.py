@@ -35,15 +35,16 @@ class Pair:
 
 
 def load_pairs(folder: Path) -> list[Pair]:
-    """Read ``images/NAME.png`` and ``masks/NAME.png`` of a folder, but for masks without outline.
+    """Read ``images/NAME.*`` and ``masks/NAME.png`` of a folder, but for masks without outline.
 
     Raises :class:`InputError` for a folder without any, and for a file that cannot be read.
     """
-    paths = sorted((folder / "images").glob("*.png"))
+    paths = sorted(p for p in (folder / "images").glob("*") if p.suffix in (".png", ".jpg"))
     pairs = []
     for path in paths:
         image = cv2.imread(str(path))
-        mask = cv2.imread(str(folder / "masks" / path.name), cv2.IMREAD_GRAYSCALE)
+        mask_file = folder / "masks" / path.with_suffix(".png").name
+        mask = cv2.imread(str(mask_file), cv2.IMREAD_GRAYSCALE)
         if image is None or mask is None or image.shape[:2] != mask.shape:
             raise InputError(f"{path}: expected an image, and in masks/ a mask of its size")
         outline = outline_of((mask > 127).astype(np.uint8))
@@ -51,7 +52,7 @@ def load_pairs(folder: Path) -> list[Pair]:
             rgb = np.ascontiguousarray(image[..., ::-1])
             pairs.append(Pair(rgb, np.asarray(mask, dtype=np.uint8), outline))
     if not pairs:
-        raise InputError(f"{folder / 'images'}: expected images with an object (.png), found none")
+        raise InputError(f"{folder / 'images'}: expected images with an object (.png, .jpg), found none")
     return pairs
 
 

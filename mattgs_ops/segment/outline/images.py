@@ -1,6 +1,6 @@
 """Images and exact masks that the outline is trained on, drawn before the first step.
 
-Each source has a folder with ``images/NAME.png`` and ``masks/NAME.png``; what is there is kept.
+Each source has a folder with ``images/NAME.*`` and ``masks/NAME.png``; what is there is kept.
 """
 
 from pathlib import Path

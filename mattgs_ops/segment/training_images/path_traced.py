@@ -1,4 +1,4 @@
-"""Path-traced training images: random objects of ``things`` on synthetic desks and plain grounds.
+"""Path-traced training images: random objects on synthetic desks and plain grounds.
 
 The painter of ``draw`` is fast and endless, but a network could learn to tell paint from light
 instead of object from desk. So some views are traced as the benchmark's captures and evaluation
@@ -7,12 +7,11 @@ sets are: other desks and grounds (other seeds), random objects, never one of th
 
 ``render_places`` writes a folder::
 
-    images/NAME.png  masks/NAME.png     views with an object, and its exact mask
-    empty/NAME.png   empty/cameras.json views without, to paint objects on
+    images/NAME.jpg  masks/NAME.png  views with an object, and its exact mask
+    empty/NAME.jpg   placeNN.json    views without, to paint objects on, and their cameras
 """
 
 import json
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,17 +22,23 @@ from numpy.typing import NDArray
 from mattgs_ops.errors import InputError
 from mattgs_ops.progress import Progress, no_progress
 from mattgs_ops.segment.network.train_config import RenderedConfig
-from mattgs_ops.segment.training_images.solids import Face, Paint
+from mattgs_ops.segment.training_images.figure_families import random_figure
+from mattgs_ops.segment.training_images.solids import Array, Paint
 from mattgs_ops.segment.training_images.textures import Bank
 from mattgs_ops.segment.training_images.things import OBJECTS
+from mattgs_ops.segment.training_images.traced_objects import put_figure, put_thing
 
 if TYPE_CHECKING:  # Mitsuba is an extra
+    from collections.abc import Callable
+
     from mattgs_ops.synthetic.surroundings.grounds import Ground
+    from mattgs_ops.synthetic.surroundings.item import Item
     from mattgs_ops.synthetic.tracer import Tracer
 
 SAMPLES = 6  # per pixel, the rest of the noise is filtered away
-PLAIN = ("black-cloth", "white-sweep", "wooden-table", "dark-flash")
-LIFT = 0.03  # centimetres that paint on a face floats above it
+PLAIN = ("black-cloth", "white-sweep", "wooden-table", "dark-flash", "turntable", "woods")
+JPEG = [cv2.IMWRITE_JPEG_QUALITY, 95]  # as a camera writes them
+UNDER_SHARE = 0.6  # of desks on which sheets lie under the object
 CLEAR, REACH = 15.0, 50.0  # centimetres: free radius on the desk, distance of the nearest cameras
 NEAREST = 22.0  # centimetres from the eye to the middle of the object
 SPAN = (0.45, 0.96)  # share of the frame that a photographer gives the object
@@ -77,41 +82,76 @@ def _place(config: RenderedConfig, place: int, out: Path) -> dict[str, Any]:
         stage = Stage({key: list(meshes) for key, meshes in ground.stage.pieces.items()})
         points = None
         if k:
-            thing = OBJECTS[(place * config.objects + k) % len(OBJECTS)](rng, Paint.random(rng))
-            scale = float(rng.uniform(10, 14))
-            corners = np.concatenate([face.contours[0] for face in thing])
-            points = scale * corners + [0, 0, ground.top]
-            _put(stage, thing, ground.top, scale, bank, rng)
+            number = place * config.objects + k
+            points = _put_object(config, stage, number, ground.top, bank, rng)
         scene = Tracer(stage, ground.light)
         count = config.views if k else config.empty
         for view in range(count):
-            name = f"{place:02d}_{k:02d}_{view:02d}.png"
+            name = f"{place:02d}_{k:02d}_{view:02d}"
             pose = _orbit(rng, ground.top, view, count)
             if points is not None:
                 pose = _framed(rng, pose, points, size)
             image = _traced(scene, pose, ground, size, rng)
             folder = out / ("images" if k else "empty")
-            cv2.imwrite(str(folder / name), image[..., ::-1])
+            cv2.imwrite(str(folder / f"{name}.jpg"), image[..., ::-1], JPEG)
             if k:
                 coverage = scene.layers(pose, *size).coverage
                 mask = np.rint(coverage * 255).astype(np.uint8)
-                cv2.imwrite(str(out / "masks" / name), mask)
+                cv2.imwrite(str(out / "masks" / f"{name}.png"), mask)
             else:
-                cameras[name] = {"top": ground.top, "pose": pose.tolist()}
+                cameras[f"{name}.jpg"] = {"top": ground.top, "pose": pose.tolist()}
     return cameras
 
 
+def _put_object(
+    config: RenderedConfig,
+    stage: Any,
+    number: int,
+    top: float,
+    bank: Bank,
+    rng: np.random.Generator,
+) -> Array:
+    """Put a random object on the stage; return points [K, 3] around it, centimetres."""
+    scale = float(rng.uniform(10, 14))
+    if rng.random() < config.figures:
+        figure = random_figure(rng)
+        put_figure(stage, figure, top, scale, bank, rng)
+        corners = figure.points
+    else:
+        thing = OBJECTS[number % len(OBJECTS)](rng, Paint.random(rng))
+        put_thing(stage, thing, top, scale, bank, rng)
+        corners = np.concatenate([face.contours[0] for face in thing])
+    return np.asarray(scale * corners + [0, 0, top])
+
+
 def _ground(config: RenderedConfig, place: int, rng: np.random.Generator) -> "Ground":
-    """Lay a desk, every second one with a mat under the object, or a plain ground after them."""
-    from mattgs_ops.synthetic.surroundings import clutter
+    """Lay a desk, most with sheets under the object, or a plain ground after them."""
     from mattgs_ops.synthetic.surroundings.desk import Layout
     from mattgs_ops.synthetic.surroundings.grounds import lay
 
     if place >= config.desks:
-        return lay(PLAIN[(place - config.desks) % len(PLAIN)], rng)
+        ground = lay(PLAIN[(place - config.desks) % len(PLAIN)], rng)
+        for key, meshes in ground.turning.pieces.items():
+            ground.stage.pieces.setdefault(key, []).extend(meshes)
+        return ground
     r, g, b = (int(v) for v in rng.uniform((110, 80, 60), (215, 190, 160)))
-    under = ((clutter.mat, *rng.normal(0, 3, 2), rng.uniform(0, 90)),) if place % 2 else ()
-    return lay("cluttered-desk", rng, Layout(CLEAR, REACH, (r, g, b), under))
+    return lay("cluttered-desk", rng, Layout(CLEAR, REACH, (r, g, b), _sheets_under(rng)))
+
+
+def _sheets_under(
+    rng: np.random.Generator,
+) -> "tuple[tuple[Callable[[np.random.Generator], Item], float, float, float], ...]":
+    """Draw what lies under the object, off its middle and turned: nothing, one sheet or two."""
+    from mattgs_ops.synthetic.surroundings import clutter
+
+    if rng.random() > UNDER_SHARE:
+        return ()
+    sheets = (clutter.mat, clutter.newspaper, clutter.cloth, clutter.page, clutter.magazine)
+    drawn = rng.integers(len(sheets), size=int(rng.integers(1, 3)))
+    return tuple(
+        (sheets[i], float(rng.normal(0, 4)), float(rng.normal(0, 4)), float(rng.uniform(0, 360)))
+        for i in drawn
+    )
 
 
 def _orbit(rng: np.random.Generator, top: float, view: int, count: int) -> NDArray[np.float64]:
@@ -164,55 +204,3 @@ def _traced(
     exposure = EXPOSURE * float(np.exp(ground.spread * rng.normal()))
     seed = int(rng.integers(1 << 30))
     return photograph(scene, pose, *size, SAMPLES, seed, exposure)
-
-
-def _put(
-    stage: Any,
-    thing: Sequence[Face],
-    top: float,
-    scale: float,
-    bank: Bank,
-    rng: np.random.Generator,
-) -> None:
-    """Put faces on the stage as the object, ``scale`` centimetres to the unit, at ``top``."""
-    from mattgs_ops.synthetic.surfaces.materials import Material
-
-    materials: dict[tuple[tuple[float, float, float], str], Any] = {}
-    for face in thing:
-        key = (face.colour, face.use)
-        if key not in materials:
-            rough, metal = float(rng.uniform(0.15, 0.8)), float(rng.random() < 0.25)
-            rgb = tuple(int(255 * c) for c in face.colour)
-            if face.use:
-                share = bank.pick(rng, face.use)[..., None].astype(np.float32) / 255
-                other = np.array(rgb) * rng.uniform(0.2, 0.8)
-                skin = (share * np.array(rgb) + (1 - share) * other).astype(np.uint8)
-                materials[key] = Material(skin, rough)
-            else:
-                materials[key] = Material((rgb[0], rgb[1], rgb[2]), rough, metal)
-        for mesh in _meshes(face, scale, top):
-            stage.add(mesh, materials[key], own=True)
-
-
-def _meshes(face: Face, scale: float, top: float) -> list[Any]:
-    """One fan of triangles, or two back to back where the face is seen from both sides."""
-    from mattgs_ops.synthetic.surfaces.mesh import Mesh
-
-    points = face.contours[0] * scale + [0, 0, top]
-    normal = np.cross(points[1] - points[0], points[2] - points[0])
-    length = float(np.linalg.norm(normal))
-    if length < 1e-9:
-        return []
-    normal /= length
-    fan = np.array([[0, i, i + 1] for i in range(1, len(points) - 1)])
-    edge = (points[1] - points[0]) / np.linalg.norm(points[1] - points[0])
-    plane = (points - points[0]) @ np.stack([edge, np.cross(normal, edge)], 1)
-    uvs = (plane - plane.min(0)) / np.maximum(np.ptp(plane, axis=0).max(), 1e-9)
-    sides = (1.0, -1.0) if not face.normal.any() else (1.0 if face.normal @ normal > 0 else -1.0,)
-    meshes = []
-    for side in sides:
-        lift = LIFT if face.decal or len(sides) == 2 else 0.0
-        placed = points + side * lift * normal
-        normals = np.tile(side * normal, (len(points), 1))
-        meshes.append(Mesh(placed, normals, uvs, fan if side > 0 else fan[:, ::-1]))
-    return meshes

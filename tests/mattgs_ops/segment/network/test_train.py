@@ -12,6 +12,7 @@ from mattgs_ops.errors import InputError
 from mattgs_ops.segment.network.ahead import batches_ahead
 from mattgs_ops.segment.network.augment import augment
 from mattgs_ops.segment.network.batches import Batches
+from mattgs_ops.segment.network.preprocess import network_input, network_inputs
 from mattgs_ops.segment.network.saliency import BUNDLED_MODEL
 from mattgs_ops.segment.network.train import identity_of, learning_rate, train
 from mattgs_ops.segment.network.train_config import (
@@ -117,7 +118,11 @@ def test_a_checkpoint_of_another_configuration_is_refused(tmp_path: Path) -> Non
 def test_where_it_runs_is_not_part_of_a_trainings_identity(tmp_path: Path) -> None:
     data = photos(tmp_path / "data")
     base = config(data, steps=1)
-    assert identity_of(base) == identity_of(config(data, steps=1, threads=2, workers=3))
+    assert identity_of(base) == identity_of(config(data, steps=1, threads=2, workers=1))
+    fresh = config(data, steps=1, reuse=1)
+    assert identity_of(fresh) == identity_of(config(data, steps=1, reuse=1, workers=3))
+    # lanes of several processes show other composites again
+    assert identity_of(base) != identity_of(config(data, steps=1, workers=3))
     assert identity_of(base) != identity_of(config(data, steps=1, loss="bce_dice"))
 
 
@@ -129,15 +134,14 @@ def test_batches_depend_on_the_step_alone() -> None:
     settings = SegmentTrainConfig(stages=stages, reuse=2, pool=4)
     forward, again = Batches(settings), Batches(settings)
     seen = [forward.at(step) for step in range(4)]
-    assert [x.shape for x, _ in seen] == [(3, 3, 32, 32)] * 2 + [(2, 3, 48, 48)] * 2
+    assert [x.shape for x, _ in seen] == [(3, 32, 32, 3)] * 2 + [(2, 48, 48, 3)] * 2
     for step in (3, 1):
         for a, b in zip(seen[step], again.at(step), strict=True):
             assert np.array_equal(a, b)
-    inputs, truths = seen[0]
-    assert inputs.dtype == truths.dtype == np.float32
-    assert truths.min() >= 0
-    assert truths.max() == 1
-    assert not np.array_equal(inputs[0], inputs[1])
+    images, masks = seen[0]
+    assert images.dtype == masks.dtype == np.uint8
+    assert (masks.min(), masks.max()) == (0, 255)
+    assert not np.array_equal(images[0], images[1])
 
 
 def test_processes_draw_the_batches_that_a_thread_draws(tmp_path: Path) -> None:
@@ -149,6 +153,44 @@ def test_processes_draw_the_batches_that_a_thread_draws(tmp_path: Path) -> None:
     assert (len(alone), len(resumed)) == (5, 3)
     for one, other in zip(alone[2:], resumed, strict=True):
         for a, b in zip(one, other, strict=True):
+            assert np.array_equal(a, b)
+
+
+def test_each_process_shows_its_own_composites_again() -> None:
+    stages = (StageConfig(size=32, batch=4, steps=7), StageConfig(size=32, batch=4, steps=6))
+    settings = SegmentTrainConfig(stages=stages, reuse=2, pool=12, workers=3)
+    batches = Batches(settings)
+    drawn: dict[int, set[int]] = {step: set() for step in range(13)}
+
+    def note(index: int, size: int) -> tuple[np.ndarray, np.ndarray]:
+        drawn[step].add(index)
+        return np.zeros((size, size, 3), np.uint8), np.zeros((size, size), np.uint8)
+
+    batches._composite = note  # type: ignore[method-assign]
+    for step in range(13):
+        batches.at(step)
+        assert {2 * step, 2 * step + 1} <= drawn[step]  # two new ones, numbered by the step
+        leg = range(7) if step < 7 else range(7, 13)
+        lane = [s for s in leg if s <= step and s % 3 == step % 3]
+        allowed = {2 * s + k for s in lane[-2:] for k in range(2)}  # a third of the pool
+        assert drawn[step] <= allowed
+    assert any(len(shown) > 2 for shown in drawn.values())
+
+
+def test_a_batch_becomes_what_each_photo_becomes() -> None:
+    images = np.random.default_rng(3).integers(0, 200, (3, 16, 16, 3)).astype(np.uint8)
+    images[1] = 0  # a black photo is divided by 1
+    expected = np.stack([network_input(image, 16, 16) for image in images])
+    found = network_inputs(torch.from_numpy(images))
+    np.testing.assert_allclose(found.numpy(), expected, rtol=0, atol=1e-6)
+
+
+def test_processes_that_share_nothing_draw_what_lanes_prescribe(tmp_path: Path) -> None:
+    stages = (StageConfig(size=32, batch=2, steps=5),)
+    settings = SegmentTrainConfig(stages=stages, reuse=2, pool=4, workers=2)
+    batches = Batches(settings)
+    for step, drawn in enumerate(batches_ahead(Batches(settings), tmp_path, 0)):
+        for a, b in zip(drawn, batches.at(step), strict=True):
             assert np.array_equal(a, b)
 
 

@@ -12,24 +12,33 @@ pytest.importorskip("mitsuba", reason="the `captures` extra is not installed")
 from mattgs_ops.segment.network.train_config import RenderedConfig
 from mattgs_ops.segment.training_images.backdrops import load_backdrops
 from mattgs_ops.segment.training_images.path_traced import PLAIN, _place
+from mattgs_ops.synthetic.surroundings.grounds import PLATE_HEIGHT
 from mattgs_ops.synthetic.tracer import choose_variant
 
 CONFIG = RenderedConfig(desks=1, plain=len(PLAIN), objects=1, views=2, empty=1, width=32)
 
 
-@pytest.mark.parametrize("ground", ["black-cloth", "dark-flash"])
-def test_a_plain_place_gives_views_masks_and_a_backdrop(tmp_path: Path, ground: str) -> None:
+TOPS = {"black-cloth": 0.0, "dark-flash": 0.0, "turntable": PLATE_HEIGHT}  # centimetres
+
+
+@pytest.mark.parametrize("figures", [0.0, 1.0])
+@pytest.mark.parametrize("ground", sorted(TOPS))
+def test_a_plain_place_gives_views_masks_and_a_backdrop(
+    tmp_path: Path, ground: str, figures: float
+) -> None:
     choose_variant("scalar_rgb")
     for folder in ("images", "masks", "empty"):
         (tmp_path / folder).mkdir()
     place = CONFIG.desks + PLAIN.index(ground)
-    cameras = _place(CONFIG, place, tmp_path)
+    config = CONFIG.model_copy(update={"figures": figures})
+    cameras = _place(config, place, tmp_path)
     (tmp_path / f"place{place:02d}.json").write_text(json.dumps(cameras))
     views = sorted(path.name for path in (tmp_path / "images").iterdir())
-    assert views == [f"{place:02d}_01_{k:02d}.png" for k in range(2)]
+    assert views == [f"{place:02d}_01_{k:02d}.jpg" for k in range(2)]
     for name in views:
         image = cv2.imread(str(tmp_path / "images" / name))
-        mask = cv2.imread(str(tmp_path / "masks" / name), cv2.IMREAD_GRAYSCALE)
+        mask_file = tmp_path / "masks" / Path(name).with_suffix(".png")
+        mask = cv2.imread(str(mask_file), cv2.IMREAD_GRAYSCALE)
         assert image is not None
         assert mask is not None
         assert image.shape == (24, 32, 3)
@@ -37,5 +46,5 @@ def test_a_plain_place_gives_views_masks_and_a_backdrop(tmp_path: Path, ground: 
         assert 0.02 < len(found) / mask.size < 0.7
         assert np.abs(found.mean(0) / mask.shape - 0.5).max() < 0.25
     (backdrop,) = load_backdrops(tmp_path)
-    assert backdrop.top == 0
+    assert backdrop.top == TOPS[ground]
     assert backdrop.image.shape == (24, 32, 3)

@@ -70,6 +70,7 @@ class Batches:
             self.backdrops = load_backdrops(rendered)
             self.backdrop_share = config.rendered.backdrops
         self.bank = Bank(config.seed)
+        self._validation: dict[int, list[tuple[Image, Image]]] = {}
         self._drawn: OrderedDict[tuple[int, int], tuple[Image, Image]] = OrderedDict()
 
     def at(self, step: int) -> tuple[Image, Image]:
@@ -101,10 +102,12 @@ class Batches:
         return np.stack(images), np.stack(masks)
 
     def validation(self, size: int) -> list[tuple[Image, Image]]:
-        """Draw the validation set: composites of another seed."""
-        seed = self.config.seed + VALIDATION_SEED_SHIFT
-        source = self._source(seed, size)
-        return [source.sample(index) for index in range(self.config.validation_images)]
+        """Return the validation set, drawn once: composites of another seed."""
+        if size not in self._validation:
+            source = self._source(self.config.seed + VALIDATION_SEED_SHIFT, size)
+            indices = range(self.config.validation_images)
+            self._validation[size] = [source.sample(index) for index in indices]
+        return self._validation[size]
 
     def _folder(self, rng: np.random.Generator) -> Folder | None:
         draw = rng.random() * (1.0 if self.config.composites else self._shares())

@@ -52,7 +52,9 @@ def load_pairs(folder: Path) -> list[Pair]:
             rgb = np.ascontiguousarray(image[..., ::-1])
             pairs.append(Pair(rgb, np.asarray(mask, dtype=np.uint8), outline))
     if not pairs:
-        raise InputError(f"{folder / 'images'}: expected images with an object (.png, .jpg), found none")
+        raise InputError(
+            f"{folder / 'images'}: expected images with an object (.png, .jpg), found none"
+        )
     return pairs
 
 

@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mattgs_ops.errors import InputError
+from mattgs_ops.errors import InputError, StageError
 from mattgs_ops.progress import Progress, no_progress
 from mattgs_ops.segment.network.train_config import RenderedConfig
 from mattgs_ops.segment.training_images.figure_families import random_figure
@@ -37,7 +37,7 @@ if TYPE_CHECKING:  # Mitsuba is an extra
 
 SAMPLES = 6  # per pixel, the rest of the noise is filtered away
 PLAIN = ("black-cloth", "white-sweep", "wooden-table", "dark-flash", "turntable", "woods")
-JPEG = [cv2.IMWRITE_JPEG_QUALITY, 95]  # as a camera writes them
+JPEG = [cv2.IMWRITE_JPEG_QUALITY, 90]  # a third of PNG; augmentation spoils them further
 UNDER_SHARE = 0.6  # of desks on which sheets lie under the object
 CLEAR, REACH = 15.0, 50.0  # centimetres: free radius on the desk, distance of the nearest cameras
 NEAREST = 22.0  # centimetres from the eye to the middle of the object
@@ -47,26 +47,27 @@ SPAN = (0.45, 0.96)  # share of the frame that a photographer gives the object
 def render_places(config: RenderedConfig, out: Path, *, progress: Progress = no_progress) -> None:
     """Trace all places that are not there yet; a killed run goes on with the next one.
 
-    Raises :class:`InputError` when Mitsuba is not installed.
+    Raises :class:`InputError` when there is one to trace and Mitsuba is not installed.
     """
+    places = [out / f"place{place:02d}.json" for place in range(config.desks + config.plain)]
+    if all(done.is_file() for done in places):
+        return
     try:
         from mattgs_ops.synthetic import tracer
 
         tracer.choose_variant()
-    except ImportError as error:
+    except (ImportError, StageError) as error:
         raise InputError(
             "rendered: expected Mitsuba to trace training views (install the `dev` extra), "
             f"found: {error}"
         ) from error
     for folder in ("images", "masks", "empty"):
         (out / folder).mkdir(parents=True, exist_ok=True)
-    places = config.desks + config.plain
-    for place in range(places):
-        done = out / f"place{place:02d}.json"
+    for place, done in enumerate(places):
         if not done.is_file():
             cameras = _place(config, place, out)
             done.write_text(json.dumps(cameras), encoding="utf-8")
-        progress(place + 1, places, "places rendered")
+        progress(place + 1, len(places), "places rendered")
 
 
 def _place(config: RenderedConfig, place: int, out: Path) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""One attempt at a reconstruction, from key points to points; and the second one, if need be.
+"""One attempt at a reconstruction, from key points to points; and further ones, if need be.
 
 Runs in the worker process. Every step up from the usual way is recorded as a fallback.
 """
@@ -15,7 +15,7 @@ import numpy as np
 from mattgs_ops.errors import StageError
 from mattgs_ops.progress import Progress
 from mattgs_ops.sfm.colmap import features, mapping, matching
-from mattgs_ops.sfm.colmap.features import Features
+from mattgs_ops.sfm.colmap.features import Features, further_attempts
 from mattgs_ops.sfm.colmap.guides import Guides, beside, sets_of
 from mattgs_ops.sfm.colmap.job import DATABASE_FILE, KEYPOINTS_FILE, MODEL_FOLDER, Answer, Job
 from mattgs_ops.sfm.colmap.matching import Matches, Pair, Verified, partners
@@ -35,9 +35,9 @@ Pairs = dict[Pair, Verified]
 def run(job: Job, progress: Progress) -> Answer:
     """Do the whole job; the model lands in ``<workspace>/model``.
 
-    When fewer than 95 % of the views are registered, a second attempt seeks fainter key points at
-    twice the photos' size by COLMAP's own SIFT, keeps twice as many and compares all pairs, which
-    takes several times as long; the better of both attempts is kept.
+    When fewer than 95 % of the views are registered, further attempts keep more key points and
+    compare all pairs, then seek fainter ones by COLMAP's own SIFT, each of which takes several
+    times as long; the best of all is kept.
     """
     import pycolmap
 
@@ -50,17 +50,17 @@ def run(job: Job, progress: Progress) -> Answer:
     except StageError as error:
         failure = error
     best = first.answer
-    wanted = MOST_VIEWS * len(job.views)
-    if len(best.registered) < wanted and not job.poses_known:
+    for further in () if job.poses_known else further_attempts(config, len(job.views)):
+        if len(best.registered) >= MOST_VIEWS * len(job.views):
+            break
         reason = f"{len(best.registered)} of {len(job.views)} views registered"
         again = Answer(best.mode, threads=job.threads)
         again.seconds, again.cpu_seconds = dict(best.seconds), dict(best.cpu_seconds)
-        again.fallbacks = [*best.fallbacks, f"{reason}: more and fainter key points sought"]
+        again.fallbacks = [*best.fallbacks, f"{reason}: {further.what}"]
         try:
-            more = features.settings_for_more(config, len(job.views))
-            second = Attempt(job, more, again, progress, thorough=True)
-            attempt(second, better_than=best)
-            again, failure = second.answer, None
+            next_ = Attempt(job, further.config, again, progress, thorough=further.thorough)
+            attempt(next_, better_than=best)
+            again, failure = next_.answer, None
         except StageError as error:
             failure = failure and error
         if len(again.registered) > len(best.registered):

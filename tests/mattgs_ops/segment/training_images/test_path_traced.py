@@ -1,6 +1,7 @@
 """Traced training views: plain grounds with and without an object, exact masks, a known camera."""
 
 import json
+import sys
 from pathlib import Path
 
 import cv2
@@ -9,9 +10,10 @@ import pytest
 
 pytest.importorskip("mitsuba", reason="the `captures` extra is not installed")
 
+from mattgs_ops.errors import InputError
 from mattgs_ops.segment.network.train_config import RenderedConfig
 from mattgs_ops.segment.training_images.backdrops import load_backdrops
-from mattgs_ops.segment.training_images.path_traced import PLAIN, _place
+from mattgs_ops.segment.training_images.path_traced import PLAIN, _place, render_places
 from mattgs_ops.synthetic.surroundings.grounds import PLATE_HEIGHT
 from mattgs_ops.synthetic.tracer import choose_variant
 
@@ -48,3 +50,16 @@ def test_a_plain_place_gives_views_masks_and_a_backdrop(
     (backdrop,) = load_backdrops(tmp_path)
     assert backdrop.top == TOPS[ground]
     assert backdrop.image.shape == (24, 32, 3)
+
+
+def test_places_that_are_there_need_no_mitsuba(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "mitsuba", None)  # as if it were not installed
+    config = RenderedConfig(desks=1, plain=1)
+    (tmp_path / "place00.json").write_text("{}")
+    with pytest.raises(InputError, match="expected Mitsuba to trace training views"):
+        render_places(config, tmp_path)
+    (tmp_path / "place01.json").write_text("{}")
+    render_places(config, tmp_path)
+    assert not (tmp_path / "images").exists()

@@ -89,6 +89,32 @@ for known in (False, True, True):
 print(json.dumps([error(plain), results]))
 """
 
+LADDER = """
+import json, sys
+from pathlib import Path
+from mattgs_ops.config import SfmConfig
+from mattgs_ops.errors import StageError
+from mattgs_ops.sfm.colmap import attempts
+from mattgs_ops.sfm.colmap.job import Job
+
+path, registers = json.loads(sys.argv[1])
+job, tried = Job.load(Path(path)), []
+
+def attempt(state, better_than=None):  # one that places as many views as it is told
+    count = registers[len(tried)]
+    tried.append([state.config.max_features, state.config.matcher, state.thorough])
+    if not count:
+        raise StageError(f"attempt {len(tried)} placed no view")
+    state.answer.registered = [view.name for view in job.views[:count]]
+
+attempts.attempt = attempt
+try:
+    found = attempts.run(job, lambda *told: None)
+    print(json.dumps([tried, len(found.registered), found.fallbacks]))
+except StageError as error:
+    print(json.dumps([tried, 0, str(error)]))
+"""
+
 
 def answer(program: str, *arguments: object) -> Any:
     """Run a program in a fresh process; returns what its last line of output holds."""
@@ -116,3 +142,51 @@ def test_the_robust_adjustment_is_closer_than_least_squares_and_repeats() -> Non
     assert free[0] < 0.7 * plain
     assert [kept for _, kept in (free, *fixed)] == [False, True, True]
     assert fixed[0] == fixed[1]
+
+
+USUAL, MORE, FAINT = [2048, "auto", False], [8192, "exhaustive", False], [8192, "exhaustive", True]
+
+
+@pytest.mark.parametrize(
+    ("registers", "tried", "best"),
+    [
+        ([9], [USUAL], 9),
+        ([8, 9], [USUAL, MORE], 9),  # 8 of 9 views are fewer than 95 %
+        ([5, 7, 9], [USUAL, MORE, FAINT], 9),
+        ([5, 7, 6], [USUAL, MORE, FAINT], 7),
+        ([0, 0, 4], [USUAL, MORE, FAINT], 4),
+        ([4, 0, 0], [USUAL, MORE, FAINT], 4),
+    ],
+)
+def test_further_attempts_follow_while_views_are_missing_and_the_best_counts(
+    box_capture: PreparedCapture,
+    tmp_path: Path,
+    registers: list[int],
+    tried: list[list[object]],
+    best: int,
+) -> None:
+    job = pipeline._job(box_capture, box_capture.folder / "masks", SfmConfig(), tmp_path, 1).save()
+    found = answer(LADDER, str(job), registers)
+    assert found[:2] == [tried, best]
+    steps = [
+        f"{max(registers[:k])} of 9 views registered: {what}"
+        for k, what in enumerate(
+            (
+                "up to 8,192 key points kept, all pairs compared",
+                "fainter key points sought by COLMAP's SIFT, up to 8,192 kept",
+            )[: len(tried) - 1],
+            start=1,
+        )
+    ]
+    useless = "no more views registered that way; not used"
+    assert [step for step in found[2] if step != useless] == steps
+    gains = [n > max([0, *registers[:k]]) for k, n in enumerate(registers)]
+    assert found[2].count(useless) == gains[1:].count(False)
+
+
+def test_no_attempt_that_places_views_is_a_failure_of_the_last(
+    box_capture: PreparedCapture, tmp_path: Path
+) -> None:
+    job = pipeline._job(box_capture, box_capture.folder / "masks", SfmConfig(), tmp_path, 1).save()
+    tried, placed, message = answer(LADDER, str(job), [0, 0, 0])
+    assert (len(tried), placed, message) == (3, 0, "attempt 3 placed no view")

@@ -17,9 +17,9 @@ from mattgs_ops.capture.mask_files import decode_mask, find_mask
 from mattgs_ops.errors import InputError
 from mattgs_ops.segment.network.augment import augment
 from mattgs_ops.segment.network.train_config import FolderConfig, SegmentTrainConfig
-from mattgs_ops.segment.training_images.backdrops import Backdrop, load_backdrops
 from mattgs_ops.segment.training_images.composites import Composites, Image
 from mattgs_ops.segment.training_images.textures import Bank
+from mattgs_ops.segment.training_images.traced.backdrops import Backdrop, load_backdrops
 
 MARGIN = 1.15  # composites are drawn larger by this, so that a crop still has the full resolution
 PHOTO_SUFFIXES = {".jpg", ".jpeg", ".png"}

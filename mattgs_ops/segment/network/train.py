@@ -28,7 +28,7 @@ from mattgs_ops.segment.network.preprocess import network_input, network_inputs
 from mattgs_ops.segment.network.train_config import SegmentTrainConfig, StageConfig
 from mattgs_ops.segment.network.u2net import U2Net, load_weights
 from mattgs_ops.segment.training_images.composites import Image
-from mattgs_ops.segment.training_images.path_traced import render_places
+from mattgs_ops.segment.training_images.traced.places import render_places
 from mattgs_ops.segment.training_state import (
     follow,
     log_row,

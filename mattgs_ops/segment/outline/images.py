@@ -10,8 +10,8 @@ import cv2
 from mattgs_ops.progress import Progress, no_progress
 from mattgs_ops.segment.outline.train_config import OutlineTrainConfig, PaintedConfig
 from mattgs_ops.segment.training_images.composites import Composites
-from mattgs_ops.segment.training_images.path_traced import render_places
 from mattgs_ops.segment.training_images.textures import Bank
+from mattgs_ops.segment.training_images.traced.places import render_places
 
 
 def draw_images(

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mattgs_ops.segment.network.train_config import WorldConfig
-from mattgs_ops.segment.training_images.backdrops import Backdrop
 from mattgs_ops.segment.training_images.draw import Camera, Canvas, Light
 from mattgs_ops.segment.training_images.figure_families import random_figure
 from mattgs_ops.segment.training_images.figures import (
@@ -34,6 +33,7 @@ from mattgs_ops.segment.training_images.plain_grounds import (
 from mattgs_ops.segment.training_images.solids import Array, Colour, Face, Paint
 from mattgs_ops.segment.training_images.textures import Bank
 from mattgs_ops.segment.training_images.things import OBJECTS, clutter
+from mattgs_ops.segment.training_images.traced.backdrops import Backdrop
 
 Image = NDArray[np.uint8]
 SUPERSAMPLE = 2

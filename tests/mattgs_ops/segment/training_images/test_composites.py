@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from mattgs_ops.segment.network.train_config import WorldConfig
-from mattgs_ops.segment.training_images.backdrops import Backdrop
 from mattgs_ops.segment.training_images.composites import Composites
 from mattgs_ops.segment.training_images.draw import Camera, Canvas, Light, near_clipped
 from mattgs_ops.segment.training_images.solids import Face, Paint, box, frame, up
 from mattgs_ops.segment.training_images.textures import SIZE, Bank
 from mattgs_ops.segment.training_images.things import OBJECTS, Recipe
+from mattgs_ops.segment.training_images.traced.backdrops import Backdrop
 
 
 @pytest.fixture(scope="module")

@@ -26,7 +26,7 @@ from mattgs_ops.segment.training_images.figure_families import random_figure
 from mattgs_ops.segment.training_images.solids import Array, Paint
 from mattgs_ops.segment.training_images.textures import Bank
 from mattgs_ops.segment.training_images.things import OBJECTS
-from mattgs_ops.segment.training_images.traced_objects import put_figure, put_thing
+from mattgs_ops.segment.training_images.traced.objects import put_figure, put_thing
 
 if TYPE_CHECKING:  # Mitsuba is an extra
     from collections.abc import Callable

@@ -12,8 +12,8 @@ pytest.importorskip("mitsuba", reason="the `captures` extra is not installed")
 
 from mattgs_ops.errors import InputError
 from mattgs_ops.segment.network.train_config import RenderedConfig
-from mattgs_ops.segment.training_images.backdrops import load_backdrops
-from mattgs_ops.segment.training_images.path_traced import PLAIN, _place, render_places
+from mattgs_ops.segment.training_images.traced.backdrops import load_backdrops
+from mattgs_ops.segment.training_images.traced.places import PLAIN, _place, render_places
 from mattgs_ops.synthetic.surroundings.grounds import PLATE_HEIGHT
 from mattgs_ops.synthetic.tracer import choose_variant
 

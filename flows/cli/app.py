@@ -22,6 +22,27 @@ app = typer.Typer(
 )
 
 
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from tasks.stages.stage import own_version
+
+        typer.echo(f"mattgs {own_version()}")
+        raise typer.Exit
+
+
+@app.callback()
+def options_of_all(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Print the version and exit."
+        ),
+    ] = False,
+) -> None:
+    """Hold the options that stand before any command; Typer acts on them itself."""
+    del version
+
+
 @app.command()
 def run(
     config: Annotated[

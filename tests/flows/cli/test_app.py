@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -41,6 +42,11 @@ def test_help_names_the_commands_and_imports_nothing_heavy() -> None:
     for command in ("run", "report", "status", "ui", "clean", "captures", "segment"):
         assert f" {command} " in done.stdout
     assert done.stdout.strip().endswith("[]")
+
+
+def test_the_version_is_the_packages() -> None:
+    done = CliRunner().invoke(app.app, ["--version"])
+    assert (done.exit_code, done.output) == (0, f"mattgs {version('mattgs-bench')}\n")
 
 
 def test_an_unknown_key_is_refused_by_name(tmp_path: Path) -> None:

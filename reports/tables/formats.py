@@ -8,12 +8,14 @@ import csv as csv_module
 import io
 import re
 import textwrap
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 
 import markupsafe
 
-TERMINAL_WIDTH = 100
+TERMINAL_WIDTH = 80
+GAP, NARROW_GAP = 2, 1  # blanks between columns; numbers have one behind them, or the `*`
+SHORTER = {"Size(MB)↓": "MB↓"}  # headings of narrow tables
 RUN = "Run"  # heading of the column of run ids
 CODE = re.compile(r"`([^`]+)`")  # settings and fields in sentences
 INTERVAL = ("low", "high", "median")  # of an entry, columns of the CSV where some entry has it
@@ -97,31 +99,41 @@ class Table:
 
 
 def plain(table: Table) -> str:
-    """Align for a terminal: at most 100 columns where the labels allow it, ``*`` for the best."""
-    spreads = any(e.spread for g in table.groups for line in g.lines for e in line.entries)
-    body = _plain_rows(table, inline=True)
-    if spreads and _width(body) > TERMINAL_WIDTH:
-        body = _plain_rows(table, inline=False)
-    if _width(body) > TERMINAL_WIDTH and table.with_runs:
-        body = [row[:-1] for row in body]
+    """Align for a terminal: at most 80 columns where the labels allow it, ``*`` for the best."""
+    body, gap = _fitting(table)
     widths = [max(len(row[i]) for row in body) for i in range(len(body[0]))]
-    rule = "─" * (sum(widths) + 2 * (len(widths) - 1))
-    lines = [table.heading, rule, _aligned(body[0], widths), rule]
+    rule = "─" * _width(body, gap)
+    lines = [table.heading, rule, _aligned(body[0], widths, gap), rule]
     label = None
     for row, group in zip(body[1:], _groups_of(table, len(body) - 1), strict=True):
         if group != label and label is not None:
             lines.append("")
         label = group
-        lines.append(_aligned(row, widths))
+        lines.append(_aligned(row, widths, gap))
     lines.append(rule)
     for note in table.notes:
         lines += _wrapped(note)
     return "\n".join(line.rstrip() for line in lines) + "\n"
 
 
-def _plain_rows(table: Table, *, inline: bool) -> list[list[str]]:
+def _fitting(table: Table) -> tuple[list[list[str]], int]:
+    """Return the rows that fit a terminal with least lost, and the blanks between their columns.
+
+    Columns move together first, then spreads go below their numbers, then the runs are left out.
+    """
+    without_runs = replace(table, with_runs=False)
+    for form, inline in ((table, True), (table, False), (without_runs, False)):
+        for gap in (GAP, NARROW_GAP):
+            body = _plain_rows(form, inline=inline, short=gap == NARROW_GAP)
+            if _width(body, gap) <= TERMINAL_WIDTH:
+                return body, gap
+    return body, gap
+
+
+def _plain_rows(table: Table, *, inline: bool, short: bool) -> list[list[str]]:
     run_heading = [RUN] if table.with_runs else []
-    rows = [["", table.first, *(f"{text} " for text in table.headings), *run_heading]]
+    heads = (SHORTER.get(text, text) if short else text for text in table.headings)
+    rows = [["", table.first, *(f"{text} " for text in heads), *run_heading]]
     for group in table.groups:
         for index, line in enumerate(group.lines):
             runs = [" ".join(run[:SHORT_ID] for run in line.runs) or "–"] if table.with_runs else []
@@ -149,18 +161,18 @@ def _groups_of(table: Table, rows: int) -> list[str]:
     return out
 
 
-def _width(rows: list[list[str]]) -> int:
+def _width(rows: list[list[str]], gap: int) -> int:
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    return sum(widths) + 2 * (len(widths) - 1)
+    return sum(widths) + gap * (len(widths) - 1)
 
 
-def _aligned(row: list[str], widths: list[int]) -> str:
+def _aligned(row: list[str], widths: list[int], gap: int) -> str:
     """Words to the left, numbers to the right; headings stand over their numbers' last digit."""
     out = []
     for index, (cell, width) in enumerate(zip(row, widths, strict=True)):
         last_is_run = index == len(row) - 1 and not cell.endswith(("*", " "))
         out.append(cell.ljust(width) if index < 2 or last_is_run else cell.rjust(width))
-    return "  ".join(out)
+    return (" " * gap).join(out)
 
 
 def _wrapped(note: str) -> list[str]:

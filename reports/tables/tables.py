@@ -52,7 +52,7 @@ MARKS = "abcdefghijklmnopqrstuvwxyz"
 
 
 def terminal(rows: Sequence[Row]) -> str:
-    """Tables I–III (and on) for a terminal: plain text, aligned, 100 columns at most."""
+    """Tables I–III (and on) for a terminal: plain text, aligned, 80 columns at most."""
     return "\n".join(formats.plain(table) for table in capture_tables(refused(rows)))
 
 

@@ -11,11 +11,12 @@ from typing import Any
 import pytest
 
 from reports.rows.schema import read_rows
-from reports.tables import formats, latex, paper, side_tables
+from reports.tables import formats, latex, paper, side_tables, tables
 from reports.tables.formats import Entry, Group, Line, Table
 
 Row = dict[str, Any]
 RESULTS = Path(__file__).parents[3] / "reports" / "results"
+COMMITTED = sorted({path.parent.name for path in RESULTS.glob("*/*.json")})
 
 
 @pytest.fixture
@@ -72,7 +73,7 @@ def test_every_sign_of_the_real_tables_is_known_to_latex(
         assert latex.latex(table).isascii(), table.slug
 
 
-@pytest.mark.parametrize("folder", sorted({p.parent.name for p in RESULTS.glob("*/*.json")}))
+@pytest.mark.parametrize("folder", COMMITTED)
 def test_every_sign_of_the_committed_rows_tables_is_known_to_latex(folder: str) -> None:
     rows = [row for path in sorted((RESULTS / folder).glob("*.json")) for row in read_rows(path)]
     for table in side_tables.all_tables(rows):
@@ -120,3 +121,21 @@ def test_plain_marks_the_best_and_keeps_columns_aligned(table: Table) -> None:
     assert lines[4].index("25.00") + len("25.00±0.10") == lines[5].index("24.00") + len("24.00")
     assert "aaaaaaaa" in lines[4]
     assert "a" * 9 not in lines[4]
+
+
+@pytest.mark.parametrize("folder", COMMITTED)
+def test_a_terminal_of_80_columns_holds_the_committed_tables(folder: str) -> None:
+    for path in sorted((RESULTS / folder).glob("*.json")):
+        assert max(map(len, tables.terminal(read_rows(path)).splitlines())) <= 80, path
+
+
+def test_a_narrow_table_has_a_short_heading_and_keeps_its_runs() -> None:
+    entries = tuple(Entry("1.000") for _ in range(5)), tuple(Entry("1.000") for _ in range(8))
+    shown = []
+    for own in entries:
+        heads = (*(f"S{i}↑" for i in range(len(own) - 1)), "Size(MB)↓")
+        lines = (Line("a", own, ("b" * 32,)),)
+        table = Table("t", "T", heads, heads, (Group("No BG", lines),))
+        shown.append(formats.plain(table).splitlines()[2])
+    assert shown[0].split()[-2:] == ["Size(MB)↓", "Run"]
+    assert shown[1].split()[-2:] == ["MB↓", "Run"]

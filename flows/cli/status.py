@@ -3,7 +3,6 @@
 import time
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 
 from rich import box
@@ -12,12 +11,11 @@ from rich.table import Table
 
 from flows import run_record
 from flows.cli.terminal import MARKS, duration
+from flows.grid import OF_A_CAPTURE, OF_AN_EXPERIMENT, SPEED, TRUTH, Experiment, experiments
 from mattgs_ops.errors import InputError
 from tasks.stages import status
 from tasks.stages.status import State, Status
 
-# An experiment is what the first of these says that holds for one of its stages.
-FIRST: tuple[State, ...] = ("failed", "interrupted", "running")
 STYLES: dict[State, str] = {
     "done": "green",
     "cached": "green",
@@ -25,36 +23,7 @@ STYLES: dict[State, str] = {
     "interrupted": "red",
     "failed": "red",
 }
-OF_A_CAPTURE = ("prepare", "segment", "sfm", "agree")
-OF_AN_EXPERIMENT = ("train", "evaluate")
-TRUTH = "truth"  # once per capture and background
-SPEED = "measure"  # once per capture, last
 NARROWEST = 100  # columns, where no terminal says how wide it is
-
-
-@dataclass(frozen=True)
-class Progress:
-    """One experiment: its name, and the status of its stages by their kind.
-
-    ``over``: the run has ended, so that what waits will not begin.
-    """
-
-    name: str
-    stages: dict[str, Status]
-    over: bool = False
-
-    @property
-    def state(self) -> State:
-        """State of the experiment, from those of its stages."""
-        states = [stage.state for stage in self.stages.values()]
-        for state in FIRST:
-            if state in states:
-                return state
-        if "waiting" in states:
-            if self.over:
-                return "interrupted"
-            return "waiting" if states.count("waiting") == len(states) else "running"
-        return "cached" if set(states) == {"cached"} else "done"
 
 
 def print_status(out: Path, benchmark: str | None) -> None:
@@ -72,29 +41,7 @@ def print_status(out: Path, benchmark: str | None) -> None:
         _print(name, experiments(status.read_all(folder / name), over=over), console)
 
 
-def experiments(stages: list[Status], *, over: bool = False) -> list[Progress]:
-    """Sort stages to the experiments that need them; those of a capture count for each.
-
-    ``over`` as in :class:`Progress`.
-    """
-    by_title = {stage.title: stage for stage in stages}
-    result = []
-    for stage in sorted(stages, key=lambda stage: stage.title):
-        if stage.stage != "train":
-            continue
-        name = stage.title.removeprefix("train ")
-        capture = name.partition(" ")[0]
-        titles = {kind: f"{kind} {capture}" for kind in (*OF_A_CAPTURE, SPEED)}
-        titles |= {kind: f"{kind} {name}" for kind in OF_AN_EXPERIMENT}
-        background = name.partition(" ")[2].partition("-")[0]
-        titles[TRUTH] = f"{TRUTH} {capture} {background}"
-        order = (*OF_A_CAPTURE, OF_AN_EXPERIMENT[0], TRUTH, *OF_AN_EXPERIMENT[1:], SPEED)
-        stages_of_one = {kind: by_title[titles[kind]] for kind in order if titles[kind] in by_title}
-        result.append(Progress(name, stages_of_one, over))
-    return result
-
-
-def _print(name: str, progress: list[Progress], console: Console) -> None:
+def _print(name: str, progress: list[Experiment], console: Console) -> None:
     counts = Counter(one.state for one in progress)
     states = ", ".join(f"{counts[state]} {state}" for state in sorted(counts))
     noun = "experiment" if len(progress) == 1 else "experiments"
@@ -118,7 +65,7 @@ def _print(name: str, progress: list[Progress], console: Console) -> None:
             console.print(f"! {title}: {one_stage.note}", style="yellow", markup=False)
 
 
-def _kinds(progress: list[Progress], kinds: Iterable[str]) -> list[str]:
+def _kinds(progress: list[Experiment], kinds: Iterable[str]) -> list[str]:
     """Return those of the kinds of stages that any experiment has, in order of work."""
     there = dict.fromkeys(kind for one in progress for kind in one.stages)
     return [kind for kind in there if kind in set(kinds)]
@@ -133,7 +80,7 @@ def _table(first: str, headings: Iterable[str]) -> Table:
     return table
 
 
-def _add_row(table: Table, one: Progress, *words: str, style: str | None = None) -> None:
+def _add_row(table: Table, one: Experiment, *words: str, style: str | None = None) -> None:
     """Add ``words``, and a cell for each stage that the table has a column for."""
     kinds = [str(column.header) for column in table.columns[len(words) :]]
     table.add_row(*words, *(_cell(one.stages.get(kind)) for kind in kinds), style=style)

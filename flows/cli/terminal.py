@@ -23,6 +23,7 @@ from rich.progress import (
 )
 
 from flows.cli.time_left import in_words, seconds_left
+from flows.grid import without_lost
 from mattgs_ops.progress import Progress as Report
 from tasks.stages import status
 from tasks.stages.status import Status
@@ -36,7 +37,8 @@ MARKS = {"done": "✓", "cached": "=", "failed": "✗"}
 def watch(folder: Path, total: int, console: Console, lanes: int = 1) -> Iterator[None]:
     """Show what happens below the status folder until the block ends.
 
-    ``total`` is the number of stages that the benchmark has, ``lanes`` how many run at a time.
+    ``total`` is the number of stages that the benchmark has when nothing fails; those that will
+    never run count no more. ``lanes`` is how many run at a time.
     """
     kind = _Bars if console.is_terminal else _Lines
     view: _Bars | _Lines = kind(console, total, lanes)
@@ -129,13 +131,15 @@ class _Lines:
 
     def update(self, stages: list[Status]) -> None:
         done = sum(s.state in MARKS for s in stages)
+        to_run = without_lost(stages)
+        count = f"{done:3d}/{self._total - len(stages) + len(to_run)}"
         for one in self._news.of(stages):
-            self._print(f"{done:3d}/{self._total} {sentence(one)}")
+            self._print(f"{count} {sentence(one)}")
         if time.monotonic() - self._last >= LINE_SECONDS:
             running = [_running(s) for s in stages if s.state == "running"]
             if running:
-                left = in_words(seconds_left(stages, self._lanes, time.time()))
-                self._print(f"{done:3d}/{self._total} … {'; '.join([*running, left]).rstrip('; ')}")
+                left = in_words(seconds_left(to_run, self._lanes, time.time()))
+                self._print(f"{count} … {'; '.join([*running, left]).rstrip('; ')}")
             self._last = time.monotonic()
 
     def _print(self, text: str) -> None:
@@ -168,6 +172,7 @@ class _Bars:
         self._console = console
         self._lanes = lanes
         self._news = _News()
+        self._total = total
         self._whole = self._progress.add_task("benchmark", total=total, note="")
         self._bars: dict[str, TaskID] = {}
 
@@ -182,14 +187,15 @@ class _Bars:
             style = "red" if one.state == "failed" else None
             self._console.print(sentence(one), style=style, markup=False, highlight=False)
         ended = sum(s.state in MARKS for s in stages)
-        left = in_words(seconds_left(stages, self._lanes, time.time()))
-        self._progress.update(self._whole, completed=ended, note=left)
+        to_run = without_lost(stages)
+        total = self._total - len(stages) + len(to_run)
+        left = in_words(seconds_left(to_run, self._lanes, time.time()))
+        self._progress.update(self._whole, completed=ended, total=total, note=left)
         running = {s.title: s for s in stages if s.state == "running"}
         for title in [t for t in self._bars if t not in running]:
             self._progress.remove_task(self._bars.pop(title))
         for title, one in running.items():
             if title not in self._bars:
                 self._bars[title] = self._progress.add_task(title, total=None, note="")
-            total = one.total or None
-            bar = self._bars[title]
-            self._progress.update(bar, completed=one.done, total=total, note=one.note)
+            bar, steps = self._bars[title], one.total or None
+            self._progress.update(bar, completed=one.done, total=steps, note=one.note)

@@ -9,7 +9,7 @@ import pytest
 
 from flows import run_record
 from flows.cli import status
-from flows.grid import stages
+from flows.grid import experiments, stages
 from mattgs_ops.config import BenchmarkConfig
 from mattgs_ops.naming import slug
 from tasks.stages.status import StatusFile, read_all
@@ -36,27 +36,7 @@ def end(folder: Path, title: str, state: str, note: str = "") -> None:
 
 
 def states(folder: Path) -> dict[str, str]:
-    return {one.name: one.state for one in status.experiments(read_all(folder))}
-
-
-def test_an_experiment_is_what_its_stages_are(folder: Path) -> None:
-    plain, ours = "rover nobg-3dgs seed 0", "rover nobg-ours seed 0"
-    assert states(folder) == {plain: "waiting", ours: "waiting"}
-    for title in ("prepare rover", "segment rover", "sfm rover", "agree rover"):
-        end(folder, title, "cached")
-    assert states(folder) == {plain: "running", ours: "running"}
-    end(folder, "truth rover nobg", "cached")
-    for cell in (plain, ours):
-        end(folder, f"train {cell}", "cached")
-        end(folder, f"evaluate {cell}", "cached")
-    end(folder, "measure rover", "cached")
-    assert states(folder) == {plain: "cached", ours: "cached"}
-    end(folder, f"evaluate {plain}", "done")
-    assert states(folder) == {plain: "done", ours: "cached"}
-    end(folder, f"train {ours}", "failed", "NaN")
-    assert states(folder) == {plain: "done", ours: "failed"}
-    end(folder, "sfm rover", "failed", "too few")
-    assert states(folder) == {plain: "failed", ours: "failed"}
+    return {one.name: one.state for one in experiments(read_all(folder))}
 
 
 def test_what_a_dead_process_left_is_interrupted(folder: Path) -> None:

@@ -14,19 +14,25 @@ import fcntl
 import os
 import stat
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from mattgs_ops.errors import InputError
 
+LONGEST_TEXT = 1000  # bytes that are read of a lock's file
 OTHERS = stat.S_IRWXG | stat.S_IRWXO  # what others may do, none of which is wanted
 
 
 @contextmanager
-def busy() -> Iterator[None]:
-    """Work beside others, but not while somebody measures."""
-    with locked("gate", fcntl.LOCK_EX):
+def busy(waiting: Callable[[], None] = lambda: None) -> Iterator[None]:
+    """Work beside others, but not while somebody measures: then ``waiting`` is called first."""
+    with ExitStack() as gate:
+        try:
+            gate.enter_context(locked("gate", fcntl.LOCK_EX | fcntl.LOCK_NB))
+        except BlockingIOError:
+            waiting()
+            gate.enter_context(locked("gate", fcntl.LOCK_EX))
         work = locked("work", fcntl.LOCK_SH)
         work.__enter__()
     try:
@@ -47,8 +53,11 @@ def _folder() -> Path:
 
 
 @contextmanager
-def locked(name: str, kind: int) -> Iterator[None]:
-    """Hold the machine's lock of that name; ``kind`` as for ``flock``, whose errors are raised."""
+def locked(name: str, kind: int) -> Iterator[int]:
+    """Hold the machine's lock of that name, and yield its file's descriptor.
+
+    ``kind`` is as for ``flock``, whose errors are raised.
+    """
     with _opened(_folder()) as folder:
         flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
         try:
@@ -57,7 +66,17 @@ def locked(name: str, kind: int) -> Iterator[None]:
             raise InputError(f"{_folder() / name}: expected a file to lock: {error}") from error
     try:
         fcntl.flock(file, kind)
-        yield
+        yield file
+    finally:
+        os.close(file)
+
+
+def written_in(name: str) -> str:
+    """Return what whoever holds the lock of that name has written into its file."""
+    with _opened(_folder()) as folder:
+        file = os.open(name, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC, dir_fd=folder)
+    try:
+        return os.read(file, LONGEST_TEXT).decode(errors="replace")
     finally:
         os.close(file)
 

@@ -255,8 +255,16 @@ def _turn(place: Place, stage: Stage, status: StatusFile) -> Iterator[int]:
             status.progress(0, 0, "")
             yield place.run.threads
         return
-    status.progress(0, 0, "waiting for a core")
-    with quiet.busy(), cores.taken(*place.threads(spreads=stage.spreads)) as threads:
+    mine = f"{place.benchmark} in {place.here}"
+
+    def tell(holders: list[str]) -> None:
+        others = ", ".join(holder for holder in holders if holder not in (mine, ""))
+        status.progress(0, 0, f"waiting for a core{others and ', held by '}{others}")
+
+    with (
+        quiet.busy(lambda: status.progress(0, 0, "waiting until speed is measured")),
+        cores.taken(*place.threads(spreads=stage.spreads), mine, tell) as threads,
+    ):
         status.progress(0, 0, "")
         yield threads
 

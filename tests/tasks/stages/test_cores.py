@@ -44,6 +44,30 @@ def test_a_stage_waits_until_enough_cores_are_free() -> None:
     assert order == ["early 3", "late"]
 
 
+def test_who_waits_is_told_whose_the_cores_are() -> None:
+    told: list[list[str]] = []
+
+    def late() -> None:
+        with cores.taken(2, 2, "mine", told.append):
+            pass
+
+    with cores.taken(2, 2, "a longer name"), cores.taken(1, 1, "b"):
+        thread = threading.Thread(target=late)
+        thread.start()
+        while not told:
+            time.sleep(0.01)
+    thread.join(30)
+    assert told[0] == ["a longer name", "b"]
+    told.clear()
+    with cores.taken(4, 4, "c"):
+        thread = threading.Thread(target=late)
+        thread.start()
+        while not told:
+            time.sleep(0.01)
+    thread.join(30)
+    assert told[0] == ["c"], "what was written before is gone"
+
+
 def test_threads_never_outnumber_cores() -> None:
     running, most = [0], [0]
     guard = threading.Lock()

@@ -21,8 +21,9 @@ from tasks.evaluate import evaluate
 from tasks.measure import measure
 from tasks.registry.live_curves import read_points
 from tasks.row import Outcome
-from tasks.stages.stage import Artifact, Cell, Place, Stage, perform
-from tasks.stages.status import read_all
+from tasks.stages import cores, quiet
+from tasks.stages.stage import Artifact, Cell, Place, Stage, _turn, perform
+from tasks.stages.status import StatusFile, read, read_all
 from tasks.train import train
 from tests.tasks.waiting import wait_for
 
@@ -210,6 +211,36 @@ def test_two_flows_never_do_the_same_stage_at_once(
     flows = [start_training(place, scene, config) for _ in range(2)]
     told = sorted(flow.communicate()[0].strip() for flow in flows)
     assert told == ["False", "True"]
+
+
+def test_a_stage_says_which_run_holds_the_cores_that_it_waits_for(place: Place) -> None:
+    status = StatusFile(place.status / "prepare.json")
+    stage = Stage("prepare", "prepare ball", "m:f", {}, {}, {})
+
+    def note() -> str:
+        found = read(status.path)
+        return "" if found is None else found.note
+
+    def wait_and_go() -> None:
+        with _turn(place, stage, status):
+            pass
+
+    status.begin(stage.title, stage.name)
+    most = len(os.sched_getaffinity(0))
+    with ThreadPoolExecutor() as pool:
+        with cores.taken(most, most, "other in /a/folder"):
+            waits = pool.submit(wait_and_go)
+            wait_for(lambda: note() == "waiting for a core, held by other in /a/folder")
+        waits.result(60)
+        with cores.taken(most, most, f"{place.benchmark} in {place.here}"):
+            waits = pool.submit(wait_and_go)
+            wait_for(lambda: note() == "waiting for a core")
+        waits.result(60)
+        with quiet.alone():
+            waits = pool.submit(wait_and_go)
+            wait_for(lambda: note() == "waiting until speed is measured")
+        waits.result(60)
+    assert note() == ""
 
 
 def test_a_worker_of_another_version_does_nothing_and_names_both(

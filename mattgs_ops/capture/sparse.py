@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from plyfile import PlyData, PlyElement
 
-from mattgs_ops.capture.camera import Camera
+from mattgs_ops.capture.camera import Camera, in_frame
 from mattgs_ops.capture.formats.colmap_cameras import ColmapCamera
 from mattgs_ops.capture.scene import SparsePoints
 
@@ -80,8 +80,8 @@ def object_points(
     for number, mask in masks.items():
         rows = points[numbers == number]
         if len(unknown):
-            everywhere = np.full_like(mask, 255)
-            framed = inside(everywhere, *views[number].project(model.xyz[unknown]))
+            height, width = mask.shape
+            framed = in_frame(*views[number].project(model.xyz[unknown]), (width, height))
             rows = np.concatenate([rows, unknown[framed]])
         np.add.at(seen, rows, 1)
         np.add.at(votes, rows, inside(mask, *views[number].project(model.xyz[rows])))
@@ -92,11 +92,10 @@ def object_points(
 def inside(mask: NDArray[np.uint8], pixels: Array, depths: Array) -> NDArray[np.bool_]:
     """Say for each projection [N, 2] with depth [N] whether it falls on an object pixel."""
     height, width = mask.shape
-    with np.errstate(invalid="ignore"):
-        cells = np.floor(np.nan_to_num(pixels, nan=-1.0, posinf=-1.0, neginf=-1.0)).astype(np.int64)
-    ok = (depths > 0) & (cells >= 0).all(axis=1) & (cells < [width, height]).all(axis=1)
+    framed = in_frame(pixels, depths, (width, height))
+    cells = pixels[framed].astype(np.int64)
     hit = np.zeros(len(pixels), dtype=bool)
-    hit[ok] = mask[cells[ok, 1], cells[ok, 0]] > 0
+    hit[framed] = mask[cells[:, 1], cells[:, 0]] > 0
     return hit
 
 

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mattgs_ops.capture.camera import Camera
+from mattgs_ops.capture.camera import Camera, in_frame
 from mattgs_ops.capture.masks import Mask, read_map
 from mattgs_ops.capture.photos import read_rgb
 from mattgs_ops.capture.scene import SparsePoints, View
@@ -143,7 +143,7 @@ def _in_hull(
     for index, camera in enumerate(cameras):
         pixels, depths = camera.project(points)
         lens = camera.intrinsics
-        framed += inside(np.ones((lens.height, lens.width), dtype=np.uint8), pixels, depths)
+        framed += in_frame(pixels, depths, (lens.width, lens.height))
         if masks is not None:
             votes += inside(masks[index], pixels, depths)
     shared = framed >= max(1.0, SEEN_SHARE * len(cameras))

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from mattgs_ops.capture.camera import Camera
+from mattgs_ops.capture.camera import Camera, in_frame
 from mattgs_ops.splat.gaussians import Splats
 from mattgs_ops.splat.rasterize import render
 from mattgs_ops.splat.training.optimise import select
@@ -29,9 +29,7 @@ def depth_of_air(points: NDArray[np.float64], camera: Camera) -> float | None:
     ``points`` [P, 3] are on surfaces. None where too few of them lie in the frame.
     """
     places, depths = camera.project(points)
-    size = [camera.intrinsics.width, camera.intrinsics.height]
-    with np.errstate(invalid="ignore"):
-        framed = (depths > 0) & (places >= 0).all(axis=1) & (places < size).all(axis=1)
+    framed = in_frame(places, depths, (camera.intrinsics.width, camera.intrinsics.height))
     if int(framed.sum()) < FEWEST_POINTS:
         return None
     return AIR * float(np.quantile(depths[framed], NEAREST))

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mattgs_ops.capture.camera import Camera
+from mattgs_ops.capture.camera import Camera, in_frame
 from mattgs_ops.errors import InputError
 
 NEAR_PLANE = 0.2  # as in splat/_kernels/engine.h
@@ -53,5 +53,5 @@ def _seen(camera: Camera, xyz: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the depths of points in the camera's frame."""
     pixels, depths = camera.project(xyz)
     lens = camera.intrinsics
-    inside = (pixels >= 0).all(axis=1) & (pixels < [lens.width, lens.height]).all(axis=1)
-    return np.asarray(depths[inside & (depths > 0)], dtype=np.float64)
+    seen = in_frame(pixels, depths, (lens.width, lens.height))
+    return np.asarray(depths[seen], dtype=np.float64)

@@ -25,7 +25,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mattgs_ops.capture.camera import Camera
+from mattgs_ops.capture.camera import Camera, in_frame
 from mattgs_ops.method import MethodConfig
 
 Floats = NDArray[np.float32]
@@ -177,9 +177,8 @@ def point_scores(
     seen = np.zeros(len(points), dtype=np.int32)
     for camera, attention in zip(cameras, maps, strict=True):
         pixels, depth = camera.project(points)
-        size = np.array([attention.shape[1], attention.shape[0]])
-        with np.errstate(invalid="ignore"):
-            visible = (depth > NEAR_DEPTH) & ((pixels >= 0) & (pixels < size)).all(axis=1)
+        height, width = attention.shape
+        visible = in_frame(pixels, depth, (width, height), beyond=NEAR_DEPTH)
         total[visible] += _bilinear(attention, pixels[visible])
         seen += visible
     return (total / np.maximum(seen, 1)).astype(np.float32), seen

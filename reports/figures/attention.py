@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from mattgs_ops.capture.camera import Camera
+from mattgs_ops.capture.camera import Camera, in_frame
 from mattgs_ops.capture.scene import Scene
 from mattgs_ops.splat.attention import paper_attention
 from reports.figures.picture_grid import bare, canvas, show, side
@@ -108,7 +108,7 @@ def _visible(camera: Camera, xyz: Floats, kept: NDArray[np.bool_]) -> Points:
     """Return pixels [P, 2] of the points in the frame, and which of them stayed."""
     i = camera.intrinsics
     xy, depth = camera.project(xyz.astype(np.float64))
-    inside = (depth > 0) & ((xy >= 0) & (xy < [i.width, i.height])).all(axis=1)
+    inside = in_frame(xy, depth, (i.width, i.height))
     return xy[inside].astype(np.float32), kept[inside]
 
 

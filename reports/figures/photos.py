@@ -10,6 +10,7 @@ from matplotlib.colors import Normalize
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
+from mattgs_ops.capture.camera import in_frame
 from mattgs_ops.capture.scene import Scene, View
 from mattgs_ops.capture.sparse import OBJECT_SHARE, are_on_object
 from reports.figures import findings, pictures
@@ -207,7 +208,7 @@ def _points(axes: Axes, photo: Floats, scene: Scene, view: View) -> None:
     if view.camera is None or not len(points.xyz):
         return
     xy, depth = view.camera.project(points.xyz)
-    inside = (depth > 0) & ((xy >= 0) & (xy < [view.width, view.height])).all(axis=1)
+    inside = in_frame(xy, depth, (view.width, view.height))
     on_object = are_on_object(points)
     for chosen, colour in ((inside & ~on_object, "#7b8794"), (inside & on_object, "#D55E00")):
         axes.scatter(

@@ -7,6 +7,7 @@ from mattgs_ops.capture.camera import (
     Camera,
     Intrinsics,
     from_opengl,
+    in_frame,
     quaternion_of,
     rotation_of,
 )
@@ -34,6 +35,18 @@ def test_the_centre_is_where_the_camera_stands() -> None:
     camera = Camera(PINHOLE, rotation, -rotation @ centre)
     np.testing.assert_allclose(camera.centre, centre)
     np.testing.assert_allclose(camera.matrix @ [*centre, 1.0], [0, 0, 0, 1])
+
+
+def test_the_frame_holds_its_first_edges_and_not_its_last() -> None:
+    places = [(0, 0), (7.99, 5.99), (8, 3), (4, 6), (-0.01, 3), (np.nan, 3), (np.inf, 3), (4, 3)]
+    depths = np.array([1.0] * 7 + [0.0])
+    found = in_frame(np.array(places), depths, (PINHOLE.width, PINHOLE.height))
+    assert found.tolist() == [True, True, *[False] * 6]
+
+
+def test_what_is_too_near_is_not_in_the_frame() -> None:
+    pixels, depths = np.full((2, 2), 3.0), np.array([0.5, 0.6])
+    assert in_frame(pixels, depths, (8, 6), beyond=0.5).tolist() == [False, True]
 
 
 def test_depths_are_those_of_the_projection() -> None:

@@ -14,6 +14,7 @@ from typing import Any, Literal
 from uuid import uuid4
 
 from mattgs_ops.store.digests import file_digest
+from mattgs_ops.whole_file import written_whole
 from tasks.stages.status import gone
 
 FILE, ROWS = "run.json", "rows.json"
@@ -111,6 +112,5 @@ def _now() -> str:
 
 def _write(folder: Path, record: RunRecord) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    partial = folder / f"{FILE}.{os.getpid()}.part"
-    partial.write_text(json.dumps(asdict(record), indent=1) + "\n", encoding="utf-8")
-    partial.replace(folder / FILE)
+    with written_whole(folder / FILE, by_many=True) as partial:
+        partial.write_text(json.dumps(asdict(record), indent=1) + "\n", encoding="utf-8")

@@ -36,12 +36,11 @@ from mattgs_ops.score.evaluate import render_views, score
 from mattgs_ops.segment.infer import segment
 from mattgs_ops.splat.attention import Floats, inner, local_attention
 from mattgs_ops.splat.files.ply import read_ply
-from mattgs_ops.splat.gaussians import Splats
+from mattgs_ops.splat.gaussians import SH_CONSTANT, Splats
 from mattgs_ops.splat.memory import Memory
 from mattgs_ops.splat.photos import StoredView, store_views, unit_range
 from mattgs_ops.splat.rasterize import backward, render
 from mattgs_ops.splat.training import train as training
-from mattgs_ops.splat.training.initialise import SH_C0
 from mattgs_ops.splat.training.trainer import StepResult, Trainer
 
 STEPS, RESOLUTION, SEED = 3000, 640, 0
@@ -143,7 +142,7 @@ def lift(scene: Scene, splats: Splats) -> dict[str, Floats]:
         attended += observed.weighted_map
         seen += observed.weight
     share = (attended / seen.clamp(min=1e-8))[:, None].expand(-1, 3)
-    grey = replace(splats, sh_dc=((share - 0.5) / SH_C0).contiguous())
+    grey = replace(splats, sh_dc=((share - 0.5) / SH_CONSTANT).contiguous())
     maps = {}
     for view in views:
         image = render(grey, view.camera, BLACK, sh_degree=0).image[:, :, 0].clamp(0, 1).numpy()

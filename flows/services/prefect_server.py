@@ -26,6 +26,7 @@ from pathlib import Path
 
 from mattgs_ops.child_process import die_with_parent
 from mattgs_ops.errors import StageError
+from mattgs_ops.whole_file import written_whole
 
 START_SECONDS = 180.0  # a fresh database takes up to 40 s on a busy machine
 POLL_SECONDS = 0.1
@@ -108,12 +109,10 @@ def _template() -> Path:
 
 def _copied(database: Path) -> bool:
     """Start from the kept database; False when there is none."""
-    part = database.with_suffix(".part")
     try:
-        shutil.copyfile(_template(), part)
-        part.replace(database)
+        with written_whole(database) as partial:
+            shutil.copyfile(_template(), partial)
     except OSError:
-        part.unlink(missing_ok=True)
         return False
     return True
 
@@ -121,15 +120,14 @@ def _copied(database: Path) -> bool:
 def _keep(database: Path) -> None:
     """Keep a database that nothing has been written to yet; without the right to, do nothing."""
     template = _template()
-    part = template.with_suffix(f".{os.getpid()}")
-    try:
+    with suppress(OSError, sqlite3.Error):
         template.parent.mkdir(parents=True, exist_ok=True)
-        with closing(sqlite3.connect(database)) as source, closing(sqlite3.connect(part)) as target:
+        with (
+            written_whole(template, by_many=True) as partial,
+            closing(sqlite3.connect(database)) as source,
+            closing(sqlite3.connect(partial)) as target,
+        ):
             source.backup(target)
-        part.replace(template)
-    except (OSError, sqlite3.Error):
-        with suppress(OSError):
-            part.unlink(missing_ok=True)
 
 
 def healthy(url: str) -> bool:
@@ -163,9 +161,8 @@ def main(address_file: Path, parent: int) -> None:
     die_with_parent(parent)
     listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     listener.bind(("127.0.0.1", 0))
-    temporary = address_file.with_suffix(".tmp")
-    temporary.write_text(f"http://127.0.0.1:{listener.getsockname()[1]}/api", encoding="utf-8")
-    temporary.replace(address_file)
+    with written_whole(address_file) as partial:
+        partial.write_text(f"http://127.0.0.1:{listener.getsockname()[1]}/api", encoding="utf-8")
     import uvicorn  # takes seconds; the address is out
     from prefect.server.api.server import create_app
 

@@ -25,6 +25,7 @@ from mattgs_ops.errors import InputError, StageError
 from mattgs_ops.frozen import Background
 from mattgs_ops.progress import Progress, no_progress
 from mattgs_ops.splat.photos import load_truth
+from mattgs_ops.whole_file import written_whole
 
 SCHEMA = 1
 TRUTH_FILE = "truth.json"
@@ -106,7 +107,7 @@ def store_truth(
         # what training views show of small structures is not scored, even where it is known
         ids = view.ids if view.split == "test" else None
         if ids is not None:
-            save_png(out / "details" / place, _details(ids, target.mask.shape))
+            save_png(out / "details" / place, small_structures(ids, target.mask.shape))
         has = masked, ids is not None, view.coverage is not None
         stored.append(TruthView(view.name, view.split, *has))
         progress(index + 1, len(chosen), f"{view.name} stored")
@@ -141,10 +142,9 @@ def save_png(path: Path, pixels: NDArray[np.uint8]) -> None:
 
 def write_json(path: Path, document: Mapping[str, Any] | Sequence[Any]) -> None:
     """Write a document whole or not at all; raises :class:`ValueError` for NaN and infinity."""
-    partial = path.with_name(f"{path.name}.part")
     text = json.dumps(document, indent=1, sort_keys=True, allow_nan=False)
-    partial.write_text(text + "\n", encoding="utf-8")
-    partial.replace(path)
+    with written_whole(path) as partial:
+        partial.write_text(text + "\n", encoding="utf-8")
 
 
 def as_bytes(values: NDArray[np.float32]) -> NDArray[np.uint8]:
@@ -153,7 +153,7 @@ def as_bytes(values: NDArray[np.float32]) -> NDArray[np.uint8]:
     return pixels
 
 
-def _details(ids: Path, shape: tuple[int, ...]) -> NDArray[np.uint8]:
+def small_structures(ids: Path, shape: tuple[int, ...]) -> NDArray[np.uint8]:
     """Return where small structures are, 255, in an image of ``shape`` [H, W]."""
     with Image.open(ids) as stored:
         small = (np.asarray(stored.convert("L")) > 0).astype(np.float32)

@@ -34,6 +34,7 @@ from mattgs_ops.synthetic.surfaces.materials import Part, Stage
 from mattgs_ops.synthetic.surfaces.mesh import Array
 from mattgs_ops.synthetic.surroundings.desk import furnish
 from mattgs_ops.synthetic.tracer import Layers, Tracer, choose_variant, room_light
+from mattgs_ops.whole_file import written_whole
 
 NAMES = ("rover", "hexapod", "lattepanda", "desk_extra")
 # light paths per pixel of training and test photos (measured: benchmarks/captures/photo_noise.py)
@@ -248,9 +249,8 @@ def save_mask(layers: Layers, path: Path) -> None:
     The file appears whole or not at all.
     """
     mask = np.rint(255 * layers.coverage).astype(np.uint8)
-    part = path.with_suffix(".part")
-    PilImage.fromarray(mask).save(part, format="PNG", optimize=True)
-    part.replace(path)
+    with written_whole(path) as partial:
+        PilImage.fromarray(mask).save(partial, format="PNG", optimize=True)
 
 
 def _save_ids(layers: Layers, path: Path) -> None:

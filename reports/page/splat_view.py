@@ -18,13 +18,13 @@ from mattgs_ops.errors import InputError
 
 Floats = NDArray[np.float64]
 MOST = 20_000  # splats kept per model
-SH_CONSTANT = 0.28209479177387814  # Y_0^0 = 1 / (2 √π)
 LEAST_ALPHA = 1 / 255  # below this a splat is never drawn
 
 
 def pack(path: Path, most: int = MOST) -> dict[str, Any]:
     """Read a PLY and return the JSON that the viewer decodes."""
     from mattgs_ops.splat.files.ply import read_ply  # imports torch
+    from mattgs_ops.splat.gaussians import SH_CONSTANT
 
     splats = read_ply(path)
     means = splats.means.numpy().astype(np.float64)

@@ -14,7 +14,6 @@ moved there when it is whole: whoever is killed meanwhile leaves nothing half ma
 
 import fcntl
 import json
-import os
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -23,6 +22,7 @@ from typing import Any
 
 from mattgs_ops.errors import InputError
 from mattgs_ops.naming import checked_row
+from mattgs_ops.whole_file import written_whole
 from tasks.registry import interface_view, run_of_row
 from tasks.registry.content import values
 from tasks.registry.content.about import About
@@ -56,10 +56,9 @@ def _made_database(file: Path) -> Iterator[None]:
     with file.with_name(f"{file.name}.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not file.exists():
-            partial = file.with_name(f"{file.name}.{os.getpid()}.part")
-            partial.unlink(missing_ok=True)
-            _client(f"{SQLITE}{partial}").search_experiments(max_results=1)
-            partial.replace(file)
+            with written_whole(file, by_many=True) as partial:
+                partial.unlink(missing_ok=True)
+                _client(f"{SQLITE}{partial}").search_experiments(max_results=1)
         yield
 
 

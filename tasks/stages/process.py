@@ -33,6 +33,7 @@ from typing import IO, Any
 from mattgs_ops.child_process import die_with_parent, how_it_ended
 from mattgs_ops.errors import InputError, MattgsError, StageError
 from mattgs_ops.progress import Progress
+from mattgs_ops.whole_file import written_whole
 from tasks.stages import launcher
 from tasks.stages.status import StatusFile
 
@@ -229,9 +230,8 @@ def _child(job: StageJob) -> int:
 
 def _send(job: StageJob, kind: str, message: str) -> None:
     path = job.log.with_suffix(".verdict.json")
-    partial = path.with_suffix(".part")  # a full disk leaves an empty one
-    partial.write_text(json.dumps({"type": kind, "message": message}), encoding="utf-8")
-    partial.replace(path)
+    with written_whole(path) as partial:  # on a full disk there is none
+        partial.write_text(json.dumps({"type": kind, "message": message}), encoding="utf-8")
 
 
 def main(argv: list[str]) -> int:

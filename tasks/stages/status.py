@@ -22,6 +22,7 @@ from socket import gethostname
 from typing import Literal
 
 from mattgs_ops.progress import Throttle
+from mattgs_ops.whole_file import written_whole
 
 State = Literal["waiting", "running", "interrupted", "done", "cached", "failed"]
 THROTTLE_SECONDS = 0.5  # a progress report is written at most this often
@@ -107,9 +108,8 @@ class StatusFile:
 
     def _write(self, status: Status) -> None:
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = self.path.with_suffix(f".{os.getpid()}.tmp")
-        temporary.write_text(json.dumps(asdict(status)), encoding="utf-8")
-        temporary.replace(self.path)
+        with written_whole(self.path, by_many=True) as partial:
+            partial.write_text(json.dumps(asdict(status)), encoding="utf-8")
 
 
 def read(path: Path) -> Status | None:

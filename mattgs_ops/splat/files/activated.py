@@ -8,9 +8,7 @@ import torch
 from numpy.typing import NDArray
 
 from mattgs_ops.errors import InputError
-from mattgs_ops.splat.gaussians import SH_REST, Splats
-
-SH_CONSTANT = 0.28209479177387814  # Y_0^0 = 1 / (2 √π)
+from mattgs_ops.splat.gaussians import SH_CONSTANT, SH_REST, Splats
 
 HALF_STEP = 0.5 / 255  # of an opacity that a byte holds
 
@@ -91,12 +89,3 @@ def levels(values: Floats, top: int) -> Floats:
     """Round to whole levels 0 … ``top``; what lies outside goes to the nearest end."""
     out: Floats = np.clip(np.floor(values + 0.5), 0, top)
     return out
-
-
-def write_atomically(path: Path, *parts: bytes) -> None:
-    """Write a file that appears whole or not at all."""
-    partial = path.with_name(path.name + ".part")
-    with partial.open("wb") as file:
-        for part in parts:
-            file.write(part)
-    partial.replace(path)

@@ -16,8 +16,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mattgs_ops.splat.files.activated import Activated, Floats, activated, levels, write_atomically
+from mattgs_ops.splat.files.activated import Activated, Floats, activated, levels
 from mattgs_ops.splat.gaussians import SH_REST, Splats
+from mattgs_ops.whole_file import written_whole
 
 CHUNK = 256  # splats
 SCALE_LIMIT = 20.0
@@ -51,13 +52,14 @@ def write_compressed_ply(splats: Splats, path: Path) -> None:
         ],
         axis=1,
     )
-    write_atomically(
-        path,
+    parts = (
         _header(count, len(ranges[0])),
         np.concatenate(ranges, axis=1).astype("<f4").tobytes(),
         words.astype("<u4").tobytes(),
         _harmonics(found).tobytes(),
     )
+    with written_whole(path) as partial:
+        partial.write_bytes(b"".join(parts))
 
 
 def morton_order(means: Floats) -> NDArray[np.int64]:

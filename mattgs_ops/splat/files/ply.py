@@ -22,6 +22,7 @@ from plyfile import PlyData, PlyElement, PlyParseError
 
 from mattgs_ops.errors import InputError
 from mattgs_ops.splat.gaussians import SH_REST, Splats
+from mattgs_ops.whole_file import written_whole
 
 PROPERTIES = (
     *("x", "y", "z", "nx", "ny", "nz"),
@@ -52,9 +53,8 @@ def write_ply(splats: Splats, path: Path) -> None:
     ]
     table = torch.cat([c.detach() for c in columns], dim=1).numpy().astype("<f4", copy=False)
     vertices = np.ascontiguousarray(table).view([(name, "<f4") for name in PROPERTIES])[:, 0]
-    partial = path.with_name(path.name + ".part")
-    PlyData([PlyElement.describe(vertices, "vertex")], byte_order="<").write(str(partial))
-    partial.replace(path)
+    with written_whole(path) as partial:
+        PlyData([PlyElement.describe(vertices, "vertex")], byte_order="<").write(str(partial))
 
 
 def read_ply(path: Path) -> Splats:

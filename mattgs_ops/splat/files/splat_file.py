@@ -13,13 +13,12 @@ import numpy as np
 
 from mattgs_ops.errors import InputError
 from mattgs_ops.splat.files.activated import (
-    SH_CONSTANT,
     activated,
     levels,
     splats_of,
-    write_atomically,
 )
-from mattgs_ops.splat.gaussians import Splats
+from mattgs_ops.splat.gaussians import SH_CONSTANT, Splats
+from mattgs_ops.whole_file import written_whole
 
 RECORD = np.dtype(
     [("position", "<f4", 3), ("scale", "<f4", 3), ("colour", "u1", 4), ("rotation", "u1", 4)]
@@ -37,7 +36,8 @@ def write_splat(splats: Splats, path: Path) -> None:
     table["colour"][:, :3] = levels(found.colour * 255, 255)
     table["colour"][:, 3] = levels(found.alpha * 255, 255)
     table["rotation"] = levels(found.quaternions * 128 + 128, 255)
-    write_atomically(path, table.tobytes())
+    with written_whole(path) as partial:
+        partial.write_bytes(table.tobytes())
 
 
 def read_splat(path: Path) -> Splats:

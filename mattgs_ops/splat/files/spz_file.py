@@ -28,9 +28,9 @@ from mattgs_ops.splat.files.activated import (
     activated,
     levels,
     splats_of,
-    write_atomically,
 )
 from mattgs_ops.splat.gaussians import SH_REST, Splats
+from mattgs_ops.whole_file import written_whole
 
 MAGIC, VERSION, DEGREE = 0x5053474E, 3, 3
 HEADER = struct.Struct("<IIIBBBB")
@@ -52,7 +52,9 @@ def write_spz(splats: Splats, path: Path) -> None:
     header = HEADER.pack(MAGIC, VERSION, len(found.means), DEGREE, bits, 0, 0)
     parts = (header, _positions(found.means, bits), *_bytes(found))
     # without a date, so that the same splats are the same file
-    write_atomically(path, gzip.compress(b"".join(parts), compresslevel=6, mtime=0))
+    packed = gzip.compress(b"".join(parts), compresslevel=6, mtime=0)
+    with written_whole(path) as partial:
+        partial.write_bytes(packed)
 
 
 def _fraction_bits(farthest: float, path: Path) -> int:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from mattgs_ops.splat.photos import Colour
+from mattgs_ops.whole_file import written_whole
 
 SCHEMA = 1
 FILE = "training.json"
@@ -50,10 +51,9 @@ class TrainingReport:
 
     def save(self, folder: Path) -> None:
         """Write ``folder/training.json``; it appears whole or not at all."""
-        partial = folder / f"{FILE}.part"
         text = json.dumps(asdict(self), indent=1, sort_keys=True, allow_nan=False)
-        partial.write_text(text + "\n", encoding="utf-8")
-        partial.replace(folder / FILE)
+        with written_whole(folder / FILE) as partial:
+            partial.write_text(text + "\n", encoding="utf-8")
 
     @classmethod
     def load(cls, folder: Path) -> "TrainingReport":

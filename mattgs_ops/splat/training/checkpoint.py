@@ -25,6 +25,7 @@ from mattgs_ops.splat.exposure import Exposures
 from mattgs_ops.splat.gaussians import Splats
 from mattgs_ops.splat.training.densify import Record
 from mattgs_ops.splat.training.optimise import FIELDS, Adam
+from mattgs_ops.whole_file import written_whole
 
 SCHEMA = 3
 FILE = "checkpoint.npz"
@@ -88,10 +89,8 @@ def save(state: TrainingState, folder: Path, key: str) -> None:
         "exposure_iterations": state.exposures and state.exposures.iterations,
     }
     arrays["meta"] = np.array(json.dumps(meta))
-    partial = folder / f"{FILE}.part"
-    with partial.open("wb") as file:
+    with written_whole(folder / FILE) as partial, partial.open("wb") as file:
         np.savez(file, allow_pickle=False, **arrays)
-    partial.replace(folder / FILE)
 
 
 def load(folder: Path, key: str) -> TrainingState | None:

@@ -21,17 +21,17 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mattgs_ops.capture import visual_hull
-from mattgs_ops.capture.camera import Camera
+from mattgs_ops.capture.camera import Camera, in_frame
 from mattgs_ops.capture.scene import SparsePoints
 from mattgs_ops.capture.sparse import are_on_object
 from mattgs_ops.errors import StageError
 from mattgs_ops.frozen import Background
-from mattgs_ops.splat.gaussians import Splats
+from mattgs_ops.splat.gaussians import SH_CONSTANT, Splats
 from mattgs_ops.splat.photos import StoredView
 
 Array = NDArray[np.float64]
 
-SH_C0 = 0.28209479177387814  # constant real spherical harmonic, 1 / (2 sqrt(pi))
+SH_C0 = SH_CONSTANT  # its name in 3DGS's release
 START_OPACITY = 0.1  # Kerbl et al. 2023, released code
 NEIGHBOURS = 3
 SMALLEST_SQUARED = 1e-7  # squared distance: coincident points would have no extent at all
@@ -104,7 +104,7 @@ def initial_splats(
         log_scales=_floats(np.repeat(log_scale[:, None], 3, axis=1)),
         quaternions=_floats(identity),
         opacity_logits=_floats(np.full(count, logit)),
-        sh_dc=_floats((points.rgb - 0.5) / SH_C0),
+        sh_dc=_floats((points.rgb - 0.5) / SH_CONSTANT),
         sh_rest=torch.zeros(count, 15, 3),
     )
 
@@ -155,8 +155,7 @@ def _pixels_of(
     """Return who is in the frame [P], and the columns and rows of those that are."""
     pixels, depth = view.camera.project(points)
     height, width = view.mask.shape
-    with np.errstate(invalid="ignore"):
-        visible = (depth > 0) & ((pixels >= 0) & (pixels < [width, height])).all(axis=1)
+    visible = in_frame(pixels, depth, (width, height))
     cells = pixels[visible].astype(np.int64)
     return visible, cells[:, 0], cells[:, 1]
 

@@ -15,10 +15,10 @@ import numpy as np
 from mattgs_ops.errors import StageError
 from mattgs_ops.progress import Progress
 from mattgs_ops.sfm.colmap import features, mapping, matching
-from mattgs_ops.sfm.colmap.features import Features, further_attempts
+from mattgs_ops.sfm.colmap.features import Features, Matches, Pair, further_attempts
 from mattgs_ops.sfm.colmap.guides import Guides, beside, sets_of
 from mattgs_ops.sfm.colmap.job import DATABASE_FILE, KEYPOINTS_FILE, MODEL_FOLDER, Answer, Job
-from mattgs_ops.sfm.colmap.matching import Matches, Pair, Verified, partners
+from mattgs_ops.sfm.colmap.matching import Verified, partners
 from mattgs_ops.sfm.colmap.moving_object import (
     FROM_OBJECT,
     MOST_EXPLAINED,
@@ -105,7 +105,7 @@ def _extract(state: Attempt) -> list[Features]:
         if reason is not None:
             if features.enough(found) or answer.mode == "original":
                 break
-            answer.fallbacks.append(f"too few key points inside masks: {reason}")
+            answer.tell(f"too few key points inside masks: {reason}")
         found = features.extract(
             job.views,
             state.config,
@@ -115,7 +115,7 @@ def _extract(state: Attempt) -> list[Features]:
         )
     if answer.mode == "masked" and not features.enough(found):
         answer.mode = "shared"
-        answer.fallbacks.append("too few key points inside masks: mode shared instead of masked")
+        answer.tell("too few key points inside masks: mode shared instead of masked")
     for view, f in zip(job.views, found, strict=True):
         answer.keypoints[view.name] = f.found
     answer.used = {
@@ -182,7 +182,7 @@ def _reconstruct(state: Attempt, found: Sequence[Features]) -> Any:
 def _of_object(state: Attempt, found: Sequence[Features], reason: str) -> Any:
     """Reconstruct from the key points inside masks alone."""
     state.answer.mode = "masked"
-    state.answer.fallbacks.append(f"{reason}: {FROM_OBJECT}")
+    state.answer.tell(f"{reason}: {FROM_OBJECT}")
     return _reconstruct(state, [f.of_mode("masked") for f in found])
 
 
@@ -253,7 +253,7 @@ def _place(state: Attempt, found: Sequence[Features], pairs: Pairs, cameras: Seq
         for more in guides.finish():
             matches = matching.merged(matches, more)
     if not matches:
-        state.answer.fallbacks.append("no pair of views matches along epipolar lines")
+        state.answer.tell("no pair of views matches along epipolar lines")
         return model
     with state.step("triangulate"):
         mapping.write_database(database, job.views, cameras, positions, matches)

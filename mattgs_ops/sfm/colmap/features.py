@@ -36,6 +36,9 @@ LAYERS = 3  # per octave, as Lowe and COLMAP have it; OpenCV divides its thresho
 SAME_PEAKS = 0.75
 COLMAP_MOST = 32_768  # key points that COLMAP's SIFT returns; the choice among them is ours
 
+Pair = tuple[int, int]  # of views, by their places
+Matches = NDArray[np.uint32]  # [M, 2] rows of the two views' key points
+
 
 @dataclass(frozen=True)
 class Features:

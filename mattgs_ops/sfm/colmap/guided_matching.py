@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mattgs_ops.capture.camera import Camera
-from mattgs_ops.sfm.colmap.matching import Matches, Pair, facing, numbered, passes_ratio_test
+from mattgs_ops.sfm.colmap.features import Matches, Pair
+from mattgs_ops.sfm.colmap.matching import facing, numbered, passes_ratio_test
 
 Array = NDArray[np.float64]
 Job = Callable[[], tuple[Matches, float]]  # matches a pair; see ``match_pair``

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from mattgs_ops.capture.camera import Camera
 from mattgs_ops.sfm.colmap import mapping
-from mattgs_ops.sfm.colmap.features import Features
+from mattgs_ops.sfm.colmap.features import Features, Matches, Pair
 from mattgs_ops.sfm.colmap.guided_matching import Guide
-from mattgs_ops.sfm.colmap.matching import Matches, Pair
 from mattgs_ops.sfm.colmap.steps import Attempt
 
 Rows = list[NDArray[np.int64]]  # some of each view's key points

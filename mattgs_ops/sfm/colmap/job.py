@@ -97,6 +97,11 @@ class Answer:
     reprojection_error: float | None = None
     threads: int = 1
 
+    def tell(self, fallback: str) -> None:
+        """Add a fallback, once however many attempts take it."""
+        if fallback not in self.fallbacks:
+            self.fallbacks.append(fallback)
+
     def save(self, workspace: Path) -> None:
         """Write the answer into the workspace."""
         text = json.dumps(asdict(self), indent=1)

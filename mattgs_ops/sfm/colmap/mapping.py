@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from mattgs_ops.capture.camera import Camera, Intrinsics
 from mattgs_ops.config import SfmConfig
 from mattgs_ops.errors import StageError
+from mattgs_ops.sfm.colmap.features import Matches, Pair
 from mattgs_ops.sfm.colmap.job import JobView
-from mattgs_ops.sfm.colmap.matching import Matches, Pair, Verified
+from mattgs_ops.sfm.colmap.matching import Verified
 
 FOCAL_GUESS = 1.2  # times the longest side, COLMAP's first guess without EXIF
 SMALLEST_MODEL = 3  # views; fewer are no model

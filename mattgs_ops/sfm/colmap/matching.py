@@ -18,10 +18,8 @@ from numpy.typing import NDArray
 from mattgs_ops.capture.camera import Camera
 from mattgs_ops.config import SfmConfig
 from mattgs_ops.sfm.colmap import _descriptors
+from mattgs_ops.sfm.colmap.features import Matches, Pair
 from mattgs_ops.sfm.colmap.moving_object import ObjectMatches, object_matches
-
-Pair = tuple[int, int]
-Matches = NDArray[np.uint32]  # [M, 2] rows of the two views' key points
 
 RATIO, FARTHEST = 0.8, 0.7  # COLMAP's defaults: Lowe's ratio, and the largest angle in radians
 DESCRIPTOR_LENGTH = 512.0  # SIFT descriptors are unit vectors times 512, rounded

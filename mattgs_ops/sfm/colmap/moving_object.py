@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mattgs_ops.capture.camera import Camera
+from mattgs_ops.sfm.colmap.features import Matches, Pair
 
-Pair = tuple[int, int]
-Matches = NDArray[np.uint32]  # [M, 2] rows of the two views' key points
 Floats = NDArray[np.float64]
 
 FROM_OBJECT = "poses from inside masks alone"  # how the fallback ends that says so

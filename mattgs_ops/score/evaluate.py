@@ -262,10 +262,17 @@ def _score_one(
         )
     mask = _read(folder, "masks", view, "L") >= MASK_THRESHOLD if view.masked else None
     details = _read(folder, "details", view, "L") > 0 if view.detailed else None
-    attention = paper_attention(truth.astype(np.float32) / np.float32(255))
     haze = _read(folder, "haze", view, "L") / np.float32(255) if view.hazed else None
-    images = image / 255, truth / 255
-    scores = score_view(*images, mask, attention, ssim_lambda, details, haze, lpips)
+    scores = score_view(
+        image / 255,
+        truth / 255,
+        mask,
+        attention=paper_attention(truth.astype(np.float32) / np.float32(255)),
+        ssim_lambda=ssim_lambda,
+        details=details,
+        haze=haze,
+        lpips=lpips,
+    )
     return {"view": view.name, "split": view.split, **scores}
 
 

@@ -118,6 +118,7 @@ def score_view(
     image: Image,
     truth: Image,
     mask: MaskArray | None,
+    *,
     attention: NDArray[np.floating],
     ssim_lambda: float,
     details: MaskArray | None = None,

@@ -51,9 +51,14 @@ def test_scores_stand_beside_the_plain_ones() -> None:
     mask = np.zeros(TRUTH.shape[:2], dtype=bool)
     mask[4:20, 4:26] = True
     rendered = np.clip(0.8 * TRUTH + 0.02 * RNG.normal(size=TRUTH.shape), 0, 1)
-    scores = score_view(rendered, TRUTH, mask, np.ones(mask.shape), 0.2)
+    scores = score_view(rendered, TRUTH, mask, attention=np.ones(mask.shape), ssim_lambda=0.2)
     assert scores["cc_psnr"] == pytest.approx(psnr(colour_corrected(rendered, TRUTH), TRUTH))
     inside = mask_psnr(colour_corrected(rendered, TRUTH, mask), TRUTH, mask)
     assert scores["mask_cc_psnr"] == pytest.approx(inside)
     assert scores["cc_psnr"] > scores["psnr"] + 3  # type: ignore[operator]
-    assert score_view(rendered, TRUTH, None, np.ones(mask.shape), 0.2)["mask_cc_psnr"] is None
+    assert (
+        score_view(rendered, TRUTH, None, attention=np.ones(mask.shape), ssim_lambda=0.2)[
+            "mask_cc_psnr"
+        ]
+        is None
+    )

@@ -17,7 +17,7 @@ IMAGE = np.clip(TRUTH + 0.1 * RNG.normal(size=TRUTH.shape), 0, 1)
 def scored(*pictures: np.ndarray) -> dict[str, float]:
     """Return the scores of an image, its truth, mask and ids that have a value."""
     image, truth, mask, ids = pictures
-    scores = metrics.score_view(image, truth, mask, ids, 0.2)
+    scores = metrics.score_view(image, truth, mask, attention=ids, ssim_lambda=0.2)
     return {name: value for name, value in scores.items() if value is not None}
 
 
@@ -72,13 +72,15 @@ def test_small_structures_are_scored_on_their_own_pixels_inside_the_mask() -> No
     details[8:12, 10:20] = True
     mask[:, 15:] = False
     attention = np.zeros(details.shape)
-    scores = metrics.score_view(IMAGE, TRUTH, mask, attention, 0.2, details)
+    scores = metrics.score_view(
+        IMAGE, TRUTH, mask, attention=attention, ssim_lambda=0.2, details=details
+    )
     small = np.s_[8:12, 10:15]
     error = np.mean((IMAGE[small] - TRUTH[small]) ** 2)
     assert scores["detail_psnr"] == pytest.approx(-10 * np.log10(error))
     assert scores["detail_ssim"] == pytest.approx(metrics.ssim_map(IMAGE, TRUTH)[small].mean())
     assert scores["detail_flip"] == pytest.approx(flip_map(IMAGE, TRUTH)[small].mean())
-    nobody_knows = metrics.score_view(IMAGE, TRUTH, mask, attention, 0.2)
+    nobody_knows = metrics.score_view(IMAGE, TRUTH, mask, attention=attention, ssim_lambda=0.2)
     assert nobody_knows["detail_psnr"] is None
     assert nobody_knows["detail_ssim"] is None
     assert nobody_knows["detail_flip"] is None
@@ -162,7 +164,7 @@ def test_a_mask_of_the_whole_frame_gives_the_full_frames_scores() -> None:
     mask = np.ones(TRUTH.shape[:2], bool)
     assert metrics.mask_psnr(IMAGE, TRUTH, mask) == pytest.approx(metrics.psnr(IMAGE, TRUTH))
     assert metrics.mask_l1(IMAGE, TRUTH, mask) == pytest.approx(metrics.l1(IMAGE, TRUTH))
-    scores = metrics.score_view(IMAGE, TRUTH, mask, np.zeros(mask.shape), 0.2)
+    scores = metrics.score_view(IMAGE, TRUTH, mask, attention=np.zeros(mask.shape), ssim_lambda=0.2)
     assert scores["core_ssim"] == pytest.approx(metrics.ssim(IMAGE, TRUTH))
 
 
@@ -179,7 +181,7 @@ def test_what_does_not_exist_is_none() -> None:
     thin[:, 10:14] = True
     assert metrics.mask_psnr(IMAGE, TRUTH, empty) is None
     assert metrics.mask_l1(IMAGE, TRUTH, empty) is None
-    scores = metrics.score_view(IMAGE, TRUTH, thin, np.zeros(thin.shape), 0.2)
+    scores = metrics.score_view(IMAGE, TRUTH, thin, attention=np.zeros(thin.shape), ssim_lambda=0.2)
     assert scores["core_psnr"] is scores["core_ssim"] is scores["core_l1"] is None
     for name in ("psnr", "ssim", "l1"):  # all rim
         assert scores[f"rim_{name}"] == scores[f"mask_{name}"] is not None
@@ -203,7 +205,7 @@ def test_an_error_is_scored_in_the_part_where_it_is() -> None:
 def test_the_whole_objects_error_is_the_mean_of_its_parts() -> None:
     mask = disc(14)
     image, truth = noisy_object(mask)
-    scores = metrics.score_view(image, truth, mask, np.zeros(mask.shape), 0.2)
+    scores = metrics.score_view(image, truth, mask, attention=np.zeros(mask.shape), ssim_lambda=0.2)
     sizes = {name: pixels.sum() for name, pixels in metrics.object_parts(mask).items()}
     for name in ("ssim", "l1"):
         total = sum(sizes[part] * scores[f"{part}_{name}"] for part in ("core", "rim"))
@@ -215,7 +217,7 @@ def test_the_whole_objects_error_is_the_mean_of_its_parts() -> None:
 
 def test_a_views_scores_agree_with_each_metric_by_itself() -> None:
     mask, attention = disc(11, 24, 30), RNG.random((24, 30))
-    scores = metrics.score_view(IMAGE, TRUTH, mask, attention, 0.2)
+    scores = metrics.score_view(IMAGE, TRUTH, mask, attention=attention, ssim_lambda=0.2)
     assert set(scores) == set(metric_table.IMAGE_METRICS)
     assert scores["ssim"] == pytest.approx(metrics.ssim(IMAGE, TRUTH))
     assert scores["mask_ssim"] == pytest.approx(metrics.ssim_map(IMAGE, TRUTH)[mask].mean())
@@ -232,7 +234,7 @@ def test_a_views_scores_agree_with_each_metric_by_itself() -> None:
 
 
 def test_views_without_a_mask_have_no_scores_in_it() -> None:
-    scores = metrics.score_view(IMAGE, TRUTH, None, np.ones((24, 30)), 0.2)
+    scores = metrics.score_view(IMAGE, TRUTH, None, attention=np.ones((24, 30)), ssim_lambda=0.2)
     assert scores["mask_psnr"] is scores["mask_ssim"] is scores["mask_l1"] is None
     assert scores["paper_l1"] == pytest.approx(scores["l1"])
 

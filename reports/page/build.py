@@ -6,6 +6,7 @@ rows are sorted before anything is written. What is missing is listed in the rep
 
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,25 @@ from reports.tables.side_tables import BUDGETS, all_tables
 LARGEST = "Verdicts, pictures and training curves are those of each condition's largest budget."
 PAGE = "report.html"
 FORMATS = {"md": formats.markdown, "tex": latex.latex, "csv": formats.csv}
+
+
+@dataclass(frozen=True)
+class Content:
+    """What the page and the Markdown both say.
+
+    ``line`` is the summary, ``first`` the figures that stand before all else, ``drawn`` the others;
+    ``problems`` say what is wrong with rows.
+    """
+
+    title: str
+    line: str
+    warned: Sequence[str]
+    judged: Sequence[verdict.Verdict]
+    notes: Sequence[str]
+    tables: Sequence[Table]
+    first: Sequence[Saved]
+    drawn: Sequence[Saved]
+    problems: Sequence[str]
 
 
 def build(
@@ -72,43 +92,50 @@ def build(
     _write(out / "rows.json", json.dumps(good, indent=1, sort_keys=True, allow_nan=False) + "\n")
     against = promoted.promoted_table(good, baselines)
     tables = [*all_tables(good, values), *([] if against is None else [against])]
-    for table in tables:
-        for suffix, form in FORMATS.items():
-            _write(out / "tables" / f"{table.slug}.{suffix}", form(table))
+    _write_tables(tables, out / "tables")
     compared = of_one_setting(good)
     one_each = largest(compared)  # pictures and verdicts are of the largest budgets
-    shown = captures(one_each)
-    galleries = [pictures.gallery(name, cells(one_each), artifacts_root) for name in shown]
+    galleries = [
+        pictures.gallery(name, cells(one_each), artifacts_root) for name in captures(one_each)
+    ]
     with plots.style():
         first = budget_figures.budget_curves(compared, out / "figures")
-    # curves say more than their largest budgets' points
-    drawn = _draw(one_each, galleries, artifacts_root, out / "figures", points=not first)
-    overall = verdict.overall(one_each)
-    judged = [*([] if overall is None else [overall]), *verdict.verdicts(one_each)]
-    line = verdict.summary_line(good, planned)
-    notes = [*notes, *setting_notes(good), *([LARGEST] if first else []), *origins.notes(good)]
-    notes += [*clock_notes(good), *haze_notes(good)]
-    warned = warnings(good)
-    html = page.render(
+    content = Content(
         title=title,
-        summary=line,
-        facts=dict(verdict.facts(good) if summary is None else summary),
-        verdicts=judged,
+        line=verdict.summary_line(good, planned),
+        warned=warnings(good),
+        judged=_judged(one_each),
+        notes=[*notes, *_notes(good, budgets=bool(first))],
         tables=tables,
-        figures=drawn,
         first=first,
-        galleries=galleries,
-        root=artifacts_root,
+        # curves say more than their largest budgets' points
+        drawn=_draw(one_each, galleries, artifacts_root, out / "figures", points=not first),
         problems=wrong,
-        notes=notes,
-        warnings=warned,
     )
-    missing = [*wrong, *pictures.missing_pictures(galleries)]
-    words = _markdown(title, line, warned, judged, notes, tables, first, drawn, missing, out)
-    _write(out / "report.md", words)
-    _write(path, html)
+    facts = dict(verdict.facts(good) if summary is None else summary)
+    _write(out / "report.md", _markdown(content, pictures.missing_pictures(galleries), out))
+    _write(path, _html(content, facts, galleries, artifacts_root))
     unchanged.note(out, made_of)
     return path
+
+
+def _write_tables(tables: Sequence[Table], folder: Path) -> None:
+    for table in tables:
+        for suffix, form in FORMATS.items():
+            _write(folder / f"{table.slug}.{suffix}", form(table))
+
+
+def _judged(rows: Sequence[Row]) -> list[verdict.Verdict]:
+    """Return the verdicts, the one on all captures first."""
+    overall = verdict.overall(rows)
+    return [*([] if overall is None else [overall]), *verdict.verdicts(rows)]
+
+
+def _notes(rows: Sequence[Row], *, budgets: bool) -> list[str]:
+    """Return what a reader of the rows must know, with ``budgets`` that they are of several."""
+    largest_ones = [LARGEST] if budgets else []
+    of_runs = [*setting_notes(rows), *largest_ones, *origins.notes(rows)]
+    return [*of_runs, *clock_notes(rows), *haze_notes(rows)]
 
 
 def _draw(
@@ -131,35 +158,45 @@ def _draw(
     return [*pictorial, *drawn]
 
 
-def _markdown(
-    title: str,
-    line: str,
-    warned: Sequence[str],
-    judged: Sequence[verdict.Verdict],
-    notes: Sequence[str],
-    tables: Sequence[Table],
-    first: Sequence[Saved],
-    drawn: Sequence[Saved],
-    missing: Sequence[str],
-    out: Path,
+def _html(
+    content: Content, facts: Mapping[str, Any], galleries: Sequence[Gallery], root: Path | None
 ) -> str:
-    parts = [f"# {title}", "", line, ""]
-    if warned:
-        parts += ["## Warnings", "", *(f"- **{text}**" for text in warned), ""]
-    if first:
-        parts += ["## What a budget buys", "", *_pictures(first, out)]
+    return page.render(
+        title=content.title,
+        summary=content.line,
+        facts=facts,
+        verdicts=content.judged,
+        tables=content.tables,
+        figures=content.drawn,
+        first=content.first,
+        galleries=galleries,
+        root=root,
+        problems=content.problems,
+        notes=content.notes,
+        warnings=content.warned,
+    )
+
+
+def _markdown(content: Content, absent: Sequence[str], out: Path) -> str:
+    """Write the report as Markdown; ``absent`` says which pictures are."""
+    tables, missing = content.tables, [*content.problems, *absent]
+    parts = [f"# {content.title}", "", content.line, ""]
+    if content.warned:
+        parts += ["## Warnings", "", *(f"- **{text}**" for text in content.warned), ""]
+    if content.first:
+        parts += ["## What a budget buys", "", *_pictures(content.first, out)]
         parts += [formats.markdown(table) for table in tables if table.slug == BUDGETS]
         tables = [table for table in tables if table.slug != BUDGETS]
     parts += ["## Verdict", ""]
-    for one in judged:
+    for one in content.judged:
         parts.append(f"- **{one.headline}**")
         parts += [f"  - {detail}" for detail in one.details]
-    if notes:
-        parts += ["", "To know when reading this:", "", *(f"- {text}" for text in notes)]
+    if content.notes:
+        parts += ["", "To know when reading this:", "", *(f"- {text}" for text in content.notes)]
     parts += ["", "## Tables", ""]
     parts += [formats.markdown(table) for table in tables]
-    if drawn:
-        parts += ["## Figures", "", *_pictures(drawn, out)]
+    if content.drawn:
+        parts += ["## Figures", "", *_pictures(content.drawn, out)]
     if missing:
         parts += ["## Not shown", "", *(f"- {text}" for text in missing), ""]
     return "\n".join(parts).rstrip() + "\n"

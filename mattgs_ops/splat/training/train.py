@@ -111,7 +111,6 @@ class Experiment:
         """Read the photos and the sparse points."""
         self._check_size()
         background = self.condition.background
-        self._check_size()
         views = store_views(self.views(), background, self.resolution)
         extent = scene_extent([view.camera for view in views])
         mcmc = self.method.growth == "mcmc"
@@ -163,39 +162,9 @@ def train(
         curve = CurveWriter(trainer, out)
         checkpoints = CheckpointWriter(trainer, out, digest, curve)
         run_steps(trainer, state, [speed, curve, ProgressReport(trainer, progress), checkpoints])
-        colour = background_colour(config)
-        report = TrainingReport(
-            schema=SCHEMA,
-            iterations=iterations,
-            resolution=resolution,
-            seed=seed,
-            threads=threads,
-            views=len(trainer.views),
-            splats=len(state.splats),
-            starting_splats=state.counters["starting_splats"],
-            starting_source=points.source,
-            wall_seconds=state.wall_seconds,
-            cpu_seconds=state.cpu_seconds,
-            calibration=speed.calibration,
-            laps=tuple(speed.laps.rows) if resumed_from == 0 else (),
-            resumed_from=resumed_from,
-            extent=trainer.extent,
-            background=colour,
-            schedule=asdict(trainer.schedule),
-            counters=state.counters,
-            loss_terms=loss_terms(trainer, state, colour),
-            peak_memory_mib=peak_memory(),
-            memory_bound_mib=bound,
-            digest=digest,
-            trained_on=tuple(view.name for view in trainer.views),
-        )
-        write_ply(state.splats, out / PLY)
-        if state.exposures is not None:
-            state.exposures.save([view.name for view in trainer.views], out)
-        if len(state.pruned):
-            removed = state.pruned.numpy()
-            np.savez(out / PRUNED, xyz=removed[:, :3], step=removed[:, 3].astype(np.int32))
-    report.save(out)
+        report = _report(experiment, trainer, state, points.source, speed, resumed_from, digest)
+        _write_result(trainer, state, out)
+    report.save(out)  # last: a folder with a report is finished
     (out / checkpoint.FILE).unlink(missing_ok=True)
     return report
 
@@ -219,6 +188,54 @@ def _finished(out: Path, digest: str) -> TrainingReport | None:
     except (OSError, InputError, ValueError, KeyError, TypeError):
         return None
     return report if complete else None
+
+
+def _report(
+    experiment: Experiment,
+    trainer: Trainer,
+    state: TrainingState,
+    source: str,
+    speed: SpeedMeasurement,
+    resumed_from: int,
+    digest: str,
+) -> TrainingReport:
+    """Say how the training went that has just ended; scores all views for its loss terms."""
+    colour = background_colour(experiment.config)
+    return TrainingReport(
+        schema=SCHEMA,
+        iterations=experiment.iterations,
+        resolution=experiment.resolution,
+        seed=experiment.seed,
+        threads=trainer.threads,
+        views=len(trainer.views),
+        splats=len(state.splats),
+        starting_splats=state.counters["starting_splats"],
+        starting_source=source,
+        wall_seconds=state.wall_seconds,
+        cpu_seconds=state.cpu_seconds,
+        calibration=speed.calibration,
+        laps=tuple(speed.laps.rows) if resumed_from == 0 else (),
+        resumed_from=resumed_from,
+        extent=trainer.extent,
+        background=colour,
+        schedule=asdict(trainer.schedule),
+        counters=state.counters,
+        loss_terms=loss_terms(trainer, state, colour),
+        peak_memory_mib=peak_memory(),
+        memory_bound_mib=memory_bound(trainer.views, experiment.config.max_splats),
+        digest=digest,
+        trained_on=tuple(view.name for view in trainer.views),
+    )
+
+
+def _write_result(trainer: Trainer, state: TrainingState, out: Path) -> None:
+    """Write the splats, the photos' exposures, and what the method removed on the way."""
+    write_ply(state.splats, out / PLY)
+    if state.exposures is not None:
+        state.exposures.save([view.name for view in trainer.views], out)
+    if len(state.pruned):
+        removed = state.pruned.numpy()
+        np.savez(out / PRUNED, xyz=removed[:, :3], step=removed[:, 3].astype(np.int32))
 
 
 def _first_state(

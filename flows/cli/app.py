@@ -1,7 +1,10 @@
 """``mattgs``: the command line. Light at the top: every command imports what it needs itself."""
 
 import errno
+import signal
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -12,6 +15,7 @@ from flows.cli.arguments import DEFAULT_OUT, Out
 from flows.cli.making import captures, segment
 from mattgs_ops.errors import InputError, MattgsError
 
+AGAIN_SECONDS = 0.05  # after which a Ctrl-C that was dropped comes again
 EXIT_FAILED, EXIT_INPUT, EXIT_EXPERIMENTS, EXIT_INTERRUPTED = 1, 2, 3, 130
 
 app = typer.Typer(
@@ -193,10 +197,35 @@ captures.register(app)
 segment.register(app)
 
 
+@contextmanager
+def _heeding_ctrl_c() -> Iterator[None]:
+    """Have Ctrl-C end the program wherever it is.
+
+    Python drops and prints what is raised in a callback of the garbage collector, of which Dask and
+    SQLAlchemy have some: a Ctrl-C that came there is sent again, by an alarm, which needs no lock.
+    """
+    before = sys.unraisablehook, signal.getsignal(signal.SIGALRM)
+
+    def dropped(unraisable: "sys.UnraisableHookArgs") -> None:
+        if issubclass(unraisable.exc_type, KeyboardInterrupt):
+            signal.setitimer(signal.ITIMER_REAL, AGAIN_SECONDS)
+        else:
+            before[0](unraisable)
+
+    signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(signal.SIGINT))
+    sys.unraisablehook = dropped
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before[0]
+        signal.signal(signal.SIGALRM, before[1])
+
+
 def main() -> None:
     """Entry of ``mattgs``: errors a person can act on, without tracebacks."""
     try:
-        app()
+        with _heeding_ctrl_c():
+            app()
     except InputError as error:
         sys.stderr.write(f"mattgs: {error}\n")
         sys.exit(EXIT_INPUT)

@@ -113,6 +113,33 @@ def test_ctrl_c_says_that_the_same_command_goes_on(
     assert capsys.readouterr().err == "mattgs: interrupted; the same command goes on from here\n"
 
 
+DROPPED = """
+import gc, signal, sys, time
+from flows.cli import app, run
+
+def callback(phase, info):
+    gc.callbacks.remove(callback)
+    signal.raise_signal(signal.SIGINT)
+
+def work(*_, **__):
+    gc.callbacks.append(callback)
+    gc.collect()
+    time.sleep(60)
+
+run.run_benchmark = work
+sys.argv = ["mattgs", "run"]
+app.main()
+"""
+
+
+def test_ctrl_c_that_comes_while_memory_is_freed_is_no_less_heard() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", DROPPED], capture_output=True, text=True, timeout=50, check=False
+    )
+    assert done.returncode == app.EXIT_INTERRUPTED
+    assert done.stderr == "mattgs: interrupted; the same command goes on from here\n"
+
+
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [

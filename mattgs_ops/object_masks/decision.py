@@ -11,7 +11,8 @@ The true masks are unknown, but both can be compared with each view's own map:
 The photos are the second test: no object ends in the middle of even black cloth. Each agreement is
 therefore multiplied by the share of the outlines, of votes and of maps, that lies on photos' edges.
 Where votes score at least as well, they are the masks, even against a view's own map; on plain
-ground only where outlines of the maps miss edges, and theirs lie on them at least as much.
+ground only where outlines of the maps miss edges, and theirs lie on them at least as much. Where
+both edges and silhouettes surely prefer the maps, votes change nothing (``objections``).
 Elsewhere a view's own map is corrected, not replaced: the average of own map, silhouettes and
 votes, weighted by their agreement; of own map and votes along its outline, for which silhouettes
 are too coarse, and on plain ground; and not even that where the photos' edges are against it.
@@ -24,7 +25,7 @@ Parts attached to the object (``attached_parts``) join where they are few and wh
 confirm their outlines; many join where they have the object's colours, too. Both decisions are for
 the capture. A single view keeps the averaged mask if its photo does not confirm the voted outline
 and silhouettes agree better with its map. So does a held-out view which the splats, that have never
-been fitted to it, show worse than all others.
+been fitted to it, surely show worse than those they were fitted to.
 """
 
 from collections.abc import Sequence
@@ -40,17 +41,10 @@ from mattgs_ops.object_masks.corrected_maps import (
     corrected_by_all,
     unless,
 )
-from mattgs_ops.object_masks.photo_evidence.colours import GOOD
-from mattgs_ops.object_masks.photo_evidence.edges import surely_larger
-from mattgs_ops.object_masks.silhouettes import CONTRADICT
+from mattgs_ops.object_masks.objections import denied_views, objection, share_left
+from mattgs_ops.object_masks.photo_evidence.significance import surely_larger
 from mattgs_ops.object_masks.splats.votes import CERTAIN, Votes
-from mattgs_ops.object_masks.witnesses import UNCONFIRMED, Known, Witnessed, judge_parts
-
-LEAST = 0.01  # agreement below it counts as this much: ratios stay finite
-# Of what the maps show: a ground's cut that leaves less went through the object, as through a
-# facade on which most points lie. Maps may take along what the object stands on, but hardly three
-# times its own size of that.
-LEAST_LEFT = 0.25
+from mattgs_ops.object_masks.witnesses import Known, Witnessed, judge_parts
 
 Source = Literal["votes", "maps"]
 
@@ -122,18 +116,14 @@ def decide(known: Known, votes: Votes | None) -> tuple[Decision, list[SoftMap]]:
     parts = judge_parts(known, certain, whole)
     voted = whole if parts.join else certain
     agreement = _votes_agreement(votes, voted, known.speaking)
-    objection = _objection(known.silhouettes, agreement, confirmed)
-    left = _share_left(known, voted.maps)
-    if votes.place.ground is not None and left < LEAST_LEFT:
-        objection = objection or f"the ground's cut leaves {left:.2f} of what the photos' maps show"
-    if known.plain_ground:
-        objection = objection or _objection_of_edges(voted.confirmed(deciding), confirmed["maps"])
-    denied = _denied(known, certain, voted)
-    sources: list[Source] = ["maps" if objection or one else "votes" for one in denied]
-    mixed, kept = _corrected(known, votes, voted, denied if objection else None)
+    left = share_left(known, voted.maps)
+    against = objection(known, votes, voted, agreement, confirmed, left)
+    denied = denied_views(known, certain, voted)
+    sources: list[Source] = ["maps" if against or one else "votes" for one in denied]
+    mixed, kept = _corrected(known, votes, voted, denied if against else None)
     found = Decision(
-        masks="maps" if objection else "votes",
-        reason=objection or "votes meet maps and edges at least as well as silhouettes and maps do",
+        masks="maps" if against else "votes",
+        reason=against or "votes meet maps and edges at least as well as silhouettes and maps do",
         silhouettes=known.silhouettes,
         votes=agreement,
         level=votes.level,
@@ -221,69 +211,3 @@ def _leads_away(known: Known, mixed: Sequence[SoftMap]) -> bool:
     """
     before, after = known.own.on_edges, known.ask(mixed).on_edges
     return surely_larger(*([one[k] for k in known.speaking] for one in (before, after)))
-
-
-def _denied(known: Known, certain: Witnessed, voted: Witnessed) -> list[bool]:
-    """Return which views' evidence is against their votes.
-
-    The photo does not confirm the voted outline and silhouettes meet the map better than votes do;
-    or the view was held out and splats show it worse than all others.
-    """
-    strange = _unlike_trained(voted.met, known.by_outline, known.deciding)
-    seen = known.own.on_edges, voted.on_edges, certain.met, known.by_outline, strange
-    return [
-        alien or (by_edges < own_edges - UNCONFIRMED and by_votes < by_outline)
-        for own_edges, by_edges, by_votes, by_outline, alien in zip(*seen, strict=True)
-    ]
-
-
-def _unlike_trained(
-    by_votes: Sequence[float], by_outline: Sequence[float], deciding: Sequence[int]
-) -> list[bool]:
-    """Return which held-out views the splats show worse than any view that they were trained on.
-
-    There votes meet the own map less than silhouettes do, by a factor that no training view has.
-    A map that shares less with silhouettes than it differs is no witness.
-    """
-    ratios = [
-        votes / max(outline, LEAST) for votes, outline in zip(by_votes, by_outline, strict=True)
-    ]
-    lowest = min((ratios[index] for index in deciding), default=0.0)
-    trained = set(deciding)
-    return [
-        index not in trained and outline >= CONTRADICT and ratio < min(lowest, 1.0)
-        for index, (ratio, outline) in enumerate(zip(ratios, by_outline, strict=True))
-    ]
-
-
-def _objection(silhouettes: float, votes: float, confirmed: dict[str, float]) -> str:
-    """Say why votes are not used; empty where they are."""
-    if votes * confirmed["votes"] >= silhouettes * confirmed["maps"]:
-        return ""
-    return (
-        f"votes meet the photos' maps to {votes:.2f} and the photos' edges to "
-        f"{confirmed['votes']:.2f}, less than silhouettes, {silhouettes:.2f}, and maps, "
-        f"{confirmed['maps']:.2f}, do"
-    )
-
-
-def _share_left(known: Known, masks: Sequence[SoftMap]) -> float:
-    """Return the share of the photos' own maps that masks [H, W] of all views leave; 1 of none.
-
-    The agreement of others' votes does not see what the ground's cut takes away.
-    """
-    shares = [float((masks[k][known.own.maps[k] >= HALF] >= HALF).mean()) for k in known.speaking]
-    return float(np.mean(shares)) if shares else 1.0
-
-
-def _objection_of_edges(votes: float, maps: float) -> str:
-    """Say why votes are not used on plain ground; empty where they are.
-
-    What is an edge there is the object's, and splats hang in front of the ground as they please:
-    maps whose outlines lie on edges need no votes.
-    """
-    if maps < GOOD and votes >= maps:
-        return ""
-    return f"on plain ground the photos' edges confirm the outlines of the maps to {maps:.3f}, " + (
-        f"those of the votes to {votes:.3f}" if maps < GOOD else "which leaves nothing to mend"
-    )

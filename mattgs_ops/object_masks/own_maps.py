@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from mattgs_ops.capture.camera import Camera
 from mattgs_ops.capture.masks import HALF, SoftMap
 from mattgs_ops.object_masks import silhouettes
-from mattgs_ops.object_masks.photo_evidence.edges import edges_near, share_on_edges, surely_larger
+from mattgs_ops.object_masks.photo_evidence.edges import edges_near, share_on_edges
+from mattgs_ops.object_masks.photo_evidence.significance import surely_larger
 from mattgs_ops.object_masks.silhouettes import Silhouettes
 from mattgs_ops.object_masks.splats.labels import shrunk
 

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 from mattgs_ops.capture.camera import Camera
 from mattgs_ops.capture.masks import SoftMap
 from mattgs_ops.object_masks.decision import (
-    LEAST_LEFT,
     Decision,
     ViewEvidence,
     decide,
     half_meet_best,
 )
-from mattgs_ops.object_masks.photo_evidence.edges import surely_larger
+from mattgs_ops.object_masks.objections import LEAST_LEFT
+from mattgs_ops.object_masks.photo_evidence.significance import surely_larger
 from mattgs_ops.object_masks.splats.ground_plane import Plane
 from mattgs_ops.object_masks.splats.surfaces import without_haze
 from mattgs_ops.object_masks.splats.votes import Ballot, collect, masks_of

@@ -14,11 +14,8 @@ from numpy.typing import NDArray
 
 from mattgs_ops.capture.masks import HALF, SoftMap
 from mattgs_ops.object_masks.photo_evidence.colours import share_alike
-from mattgs_ops.object_masks.photo_evidence.edges import (
-    edges_near,
-    share_on_edges,
-    surely_larger,
-)
+from mattgs_ops.object_masks.photo_evidence.edges import edges_near, share_on_edges
+from mattgs_ops.object_masks.photo_evidence.significance import surely_larger
 from mattgs_ops.object_masks.silhouettes import Silhouettes, overlaps, resized
 
 # Outlines are coarse, and fur has no edge: some of each runs beside the photo's edges. A quarter

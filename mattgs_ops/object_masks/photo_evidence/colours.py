@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from mattgs_ops.capture.masks import HALF, SoftMap, clean
-from mattgs_ops.object_masks.photo_evidence.edges import edges_near, share_on_edges, surely_larger
+from mattgs_ops.object_masks.photo_evidence.edges import edges_near, share_on_edges
+from mattgs_ops.object_masks.photo_evidence.significance import surely_larger
 from mattgs_ops.object_masks.silhouettes import overlaps
 from mattgs_ops.parallel import over_views
 from mattgs_ops.segment.grabcut import grabcut_seeded

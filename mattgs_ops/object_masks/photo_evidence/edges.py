@@ -1,7 +1,7 @@
 """The photo's own edges: outlines are held against them, and moved to them.
 
 No object ends in the middle of even cloth: how much of an outline lies on edges of the photo says
-how far to believe it (``share_on_edges``, ``surely_larger``).
+how far to believe it (``share_on_edges``).
 
 ``to_photo_edges`` moves outlines at the photo's resolution. Masks by votes are rendered from
 splats, smaller than the photo. The guided filter (He, Sun & Tang 2010) fits, in a window around
@@ -11,18 +11,14 @@ thinner than the band on either side, wires and aerials and the gaps between the
 fit colours to and stays as it was.
 """
 
-from collections.abc import Sequence
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import ttest_rel
 
 from mattgs_ops.capture.masks import Mask, clean, disc
 
 EDGE = 0.02  # of the range, per pixel: five grey levels; sensors and JPEG stay below
 EDGE_REACH = 2  # pixels, at the size of the answers, between an outline and the photo's edge
-CHANCE = 0.025  # that outlines seem closer to edges and are not: half of what 95 % leave out
 REACH = 0.01  # of the longest side: window and band; two to three pixels of the votes' maps
 FLAT = 1e-4  # variance of colours in [0, 1]: (2.5 grey levels)², noise; flatter is no edge
 
@@ -50,20 +46,6 @@ def share_on_edges(mask: Bits, edges: Bits) -> float:
     inside = cv2.erode(binary, np.ones((3, 3), np.uint8), borderType=cv2.BORDER_REPLICATE)
     outline = (binary > 0) & (inside == 0)
     return float(edges[outline].mean()) if outline.any() else 0.0
-
-
-def surely_larger(first: Sequence[float], second: Sequence[float]) -> bool:
-    """Whether the first numbers of V views are larger than the second: shares on edges, or IoU.
-
-    A paired t-test over the views; by chance it says so once in forty times, and never where there
-    is nothing to choose.
-    """
-    differences = np.subtract(first, second)
-    if len(first) < 2:
-        return False
-    if np.ptp(differences) == 0:  # no spread to hold a difference against
-        return bool(differences[0] > 0)
-    return bool(ttest_rel(first, second, alternative="greater").pvalue < CHANCE)
 
 
 def to_photo_edges(mask: Mask, photo: NDArray[np.uint8]) -> Mask:

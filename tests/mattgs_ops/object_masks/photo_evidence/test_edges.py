@@ -6,7 +6,6 @@ import numpy as np
 from mattgs_ops.object_masks.photo_evidence.edges import (
     edges_near,
     share_on_edges,
-    surely_larger,
     to_photo_edges,
 )
 from mattgs_ops.object_masks.silhouettes import iou
@@ -64,14 +63,3 @@ def test_an_outline_lies_on_edges_where_the_photo_has_some() -> None:
     quiet = edges_near(cv2.GaussianBlur(photo_of(disc(80)), (0, 0), 2))
     assert share_on_edges(disc(60) > 0, quiet) == 0
     assert share_on_edges(np.zeros((SIDE, SIDE), bool), edges) == 0
-
-
-def test_one_view_in_doubt_does_not_decide_for_all() -> None:
-    shares = [0.90, 0.92, 0.91, 0.89, 0.93]
-    higher = [share + 0.05 + 0.001 * k for k, share in enumerate(shares)]
-    assert surely_larger(higher, shares)
-    assert not surely_larger(shares, higher)
-    assert not surely_larger([0.99, *shares[1:]], shares)
-    assert not surely_larger(shares, shares)
-    assert surely_larger([1.0, 1.0], [0.5, 0.5])
-    assert not surely_larger([0.9], [0.1])

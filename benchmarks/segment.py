@@ -6,7 +6,7 @@
 Prints a Markdown table, a line for each capture: the network's own masks (``alone``) and those that
 the pipeline delivers (``delivered``: cameras, then the agreement of all views). Each has mean IoU
 and the worst view's, F-measure, MAE of the map, F1 of the outlines within 0.75 % of the diagonal
-and within two pixels, how many views carry a flag, and whose masks were believed.
+and within two pixels, how many views carry a flag, and what made the masks: votes or maps.
 
 ``--sets`` is a folder of captures, as `mattgs captures evaluation` renders it; ``--views`` takes
 that many of each walk, evenly. ``--also NAME=PATH[:MASKS]`` adds a capture whose true masks lie
@@ -59,7 +59,7 @@ class Masks:
     folder: Path
     report: MaskReport
     true: dict[str, Path | None]
-    believed: str = ""
+    made_by: str = ""
 
 
 def speed(path: Path, threads: int) -> tuple[int, float]:
@@ -154,10 +154,10 @@ def delivered(capture: PreparedCapture, alone: Masks, out: Path, threads: int) -
     shutil.copyfile(alone.folder / "masks.json", solved / "masks.json")
     agreed = agree(scene, capture, out, threads=threads)
     agreement = agreed.extra.get("agreement", {})
-    believed = str(agreement.get("none") or agreement.get("masks", "votes"))
+    made_by = str(agreement.get("none") or agreement.get("masks", "votes"))
     # without the lens's distortion, as the scene's photos are
     true = {view.name: view.coverage for view in agreed.views}
-    return Masks(out, MaskReport.load(out / "masks.json"), true, believed)
+    return Masks(out, MaskReport.load(out / "masks.json"), true, made_by)
 
 
 def scores(capture: PreparedCapture, masks: Masks) -> str:
@@ -185,7 +185,7 @@ def print_masks(options: argparse.Namespace, kinds: list[str], folder: Path) -> 
     from mattgs_ops.capture import prepare
 
     columns = ["capture", "views", "masks", "mean IoU", "worst", "F-measure", "MAE", "boundary F"]
-    columns += [f"outlines, {OUTLINE} px", "flagged", "believed"]
+    columns += [f"outlines, {OUTLINE} px", "flagged", "by"]
     print("| " + " | ".join(columns) + " |\n" + "|---" * len(columns) + "|", flush=True)
     for config in chosen(options, folder):
         capture = prepare.prepare(config, folder / config.name, test_every=8)
@@ -195,7 +195,7 @@ def print_masks(options: argparse.Namespace, kinds: list[str], folder: Path) -> 
         for kind, masks in made.items():
             cells = scores(capture, masks)
             head = f"| {capture.name} | {len(capture.views)} | {kind}"
-            print(f"{head} | {cells} | {masks.believed} |", flush=True)
+            print(f"{head} | {cells} | {masks.made_by} |", flush=True)
 
 
 def main() -> None:

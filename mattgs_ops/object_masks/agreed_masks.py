@@ -110,7 +110,7 @@ def _write_view(
     mask: Mask | None,
     truth: Path | None,
 ) -> _Written:
-    """Write a view's mask and map; what the network said stays where the views agree on none."""
+    """Write a view's mask and map; the network's own stay where the views agree on none."""
     own = read_map(out / "masks" / mask_name(view.name))
     if soft is None or mask is None or not mask.any():
         return _Written(old, border_share(own), None, empty=not own.any())

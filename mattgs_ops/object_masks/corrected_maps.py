@@ -1,4 +1,4 @@
-"""A view's own map, corrected by what the other views say of it: averages, each by its odds.
+"""A view's own map, corrected by what the other views predict of it: averages, each by its odds.
 
 Silhouettes are coarse and know free space; votes know surfaces; the own map knows the photo. Each
 weighs what the odds are that it is right, of its agreement with the views' maps.
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mattgs_ops.capture.masks import HALF, SoftMap, disc
 from mattgs_ops.object_masks.silhouettes import SIDE, resized
-from mattgs_ops.object_masks.splats.votes import Votes
+from mattgs_ops.object_masks.splats.votes import VotedMaps
 
 NO_COUNTS = 2.0  # times a yes, of silhouettes
 COARSE = 2 / SIDE  # of the longest side: two pixels of those that silhouettes are compared at
@@ -31,14 +31,14 @@ def corrected(
 
     Pixels outside the other views' silhouettes cannot be object if those are right; pixels inside
     may be free space between them. So silhouettes count twice where they say no. Along the map's
-    own outline they are less exact than what ``along`` [H, W] says, which counts there.
+    own outline they are less exact than ``along`` [H, W], which counts there.
     """
     outlines, splats = _odds(silhouettes), _odds(votes)
     itself = max(outlines, splats)  # a map weighs as much as the better of the two
     fused = []
-    for mine, other, answer, exact in zip(own, others, voted, along, strict=True):
+    for mine, other, vote, exact in zip(own, others, voted, along, strict=True):
         weight = outlines * np.where(other < HALF, NO_COUNTS, 1.0)
-        mean = (itself * mine + weight * other + splats * answer) / (itself + weight + splats)
+        mean = (itself * mine + weight * other + splats * vote) / (itself + weight + splats)
         # where the mean takes a whole part away, the part's outline goes with it
         near = _near_outline(mine >= HALF) & _near_outline(mean >= HALF, 2 * COARSE)
         fused.append(np.where(near, exact, mean).astype(np.float32))
@@ -48,7 +48,7 @@ def corrected(
 def corrected_by_all(
     own: Sequence[SoftMap],
     others: Sequence[SoftMap],
-    votes: Votes,
+    votes: VotedMaps,
     agreement: float,
     along: Sequence[SoftMap],
     *,
@@ -57,12 +57,12 @@ def corrected_by_all(
     """Return own maps corrected by silhouettes and votes, and by ``along`` near their outlines.
 
     ``alone``: by nothing else, as on plain ground, where there is nothing that maps could take
-    along and silhouettes could deny. Maps that show nothing are lent what the others say.
+    along and silhouettes could take away. Maps that show nothing are lent the others' prediction.
     """
     splats_agreement = float(np.mean(votes.soft_agreement))
     predicted = resized(votes.predicted, own)
-    heard = corrected(own, others, predicted, agreement, splats_agreement, along)
-    return unless([not alone or not (mine >= HALF).any() for mine in own], along, heard)
+    mixed = corrected(own, others, predicted, agreement, splats_agreement, along)
+    return unless([not alone or not (mine >= HALF).any() for mine in own], along, mixed)
 
 
 def averaged(
@@ -72,7 +72,7 @@ def averaged(
     splats = _odds(votes_right)
     itself = max(_odds(own_right), splats)
     share = np.float32(splats / (itself + splats))
-    return [mine + share * (answer - mine) for mine, answer in zip(own, voted, strict=True)]
+    return [mine + share * (vote - mine) for mine, vote in zip(own, voted, strict=True)]
 
 
 def _near_outline(mask: NDArray[np.bool_], share: float = COARSE) -> NDArray[np.bool_]:
@@ -90,7 +90,7 @@ def _odds(agreement: float) -> float:
 
 
 def unless(
-    refused: Sequence[bool], maps: Sequence[SoftMap], others: Sequence[SoftMap]
+    replaced: Sequence[bool], maps: Sequence[SoftMap], others: Sequence[SoftMap]
 ) -> list[SoftMap]:
-    """Return each view's map, or the other one where it is refused."""
-    return [b if no else a for no, a, b in zip(refused, maps, others, strict=True)]
+    """Return each view's map, or the other one where it is replaced."""
+    return [b if other else a for other, a, b in zip(replaced, maps, others, strict=True)]

@@ -30,12 +30,12 @@ from mattgs_ops.capture.photos import read_rgb
 from mattgs_ops.capture.scene import PreparedCapture, Scene, View
 from mattgs_ops.object_masks import own_maps, silhouettes
 from mattgs_ops.object_masks.agreed_masks import keep, write
+from mattgs_ops.object_masks.map_scores import ViewMaps
 from mattgs_ops.object_masks.photo_evidence.colours import ColourEvidence, cut_by_colours
 from mattgs_ops.object_masks.photo_evidence.plain_ground import PlainGround, correct_by_ground
-from mattgs_ops.object_masks.poll import Judged, Poll
 from mattgs_ops.object_masks.splats.labels import shrunk
 from mattgs_ops.object_masks.splats.surfaces import train_surfaces
-from mattgs_ops.object_masks.witnesses import Known
+from mattgs_ops.object_masks.vote_variants import Outcome, VoteVariants
 from mattgs_ops.parallel import over_views
 from mattgs_ops.progress import Progress, no_progress
 from mattgs_ops.segment.mask_report import MaskReport
@@ -44,7 +44,7 @@ from mattgs_ops.splat.photos import camera_at
 # Of the short training. Half the steps at 256 pixels leave splats that straddle outlines: even with
 # each labelled by the true masks they reach an IoU of 0.92 on the bundled hexapod.
 ITERATIONS, RESOLUTION = 1000, 400
-VOTING = 256  # pixels, of the views that splats ask: the photos' maps are coarse
+VOTING = 256  # pixels, of the views that vote: the photos' maps are coarse
 
 
 def agree(
@@ -83,14 +83,14 @@ def agree(
         scene, iterations=ITERATIONS, resolution=RESOLUTION, threads=threads, progress=progress
     )
     names = [view.name for view in views]
-    poll = Poll(
-        known=Known.of(names, photos, own, outlines, trained, plain_ground=plain.used),
+    variants = VoteVariants(
+        views=ViewMaps.of(names, photos, own, outlines, trained, plain_ground=plain.used),
         voting=[camera_at(view, VOTING) for view in views],
         shown=shown,
         points=scene.points().xyz.astype(np.float64),
         threads=threads,
     )
-    found = poll.best(splats)
+    found = variants.best(splats)
     colours, soft = cut_by_colours(photos, own, found.maps, trained, threads=threads)
     agreed = {view.name: one for view, one in zip(found.decision.views, soft, strict=True)}
     record = _decision_record(found, colours, plain, networks)
@@ -100,20 +100,20 @@ def agree(
 
 
 def _decision_record(
-    found: Judged,
+    found: Outcome,
     colours: ColourEvidence | None,
     plain: PlainGround,
     networks: own_maps.OwnMaps,
 ) -> dict[str, Any]:
     """Return the decision as JSON values, rounded."""
     share = None if found.ground is None else found.ground.share
-    asked = None if colours is None else asdict(colours)
+    by_colours = None if colours is None else asdict(colours)
     summary = {
         "ground_share": share,
         "ground_cut": found.ground_cut,
         "half_needed": found.half_needed,
         "haze_votes": found.haze_votes,
-        "colours": asked,
+        "colours": by_colours,
         "plain_ground": asdict(plain),
         "network": networks.chosen,
         "networks": networks.worths,
@@ -152,6 +152,6 @@ def _map(path: Path, camera: Camera) -> SoftMap:
 
 
 def _single_networks(folder: str, names: list[str]) -> list[str]:
-    """Return what of a scene's folder is not copied: after the choice nobody asks for it."""
+    """Return what of a scene's folder is not copied: after the choice it is of no use."""
     below = Path(folder)
     return [name for name in names if below.name == "soft" and (below / name).is_dir()]

@@ -12,20 +12,20 @@ The photos are the second test: no object ends in the middle of even black cloth
 therefore multiplied by the share of the outlines, of votes and of maps, that lies on photos' edges.
 Where votes score at least as well, they are the masks, even against a view's own map; on plain
 ground only where outlines of the maps miss edges, and theirs lie on them at least as much. Where
-both edges and silhouettes surely prefer the maps, votes change nothing (``objections``).
+both edges and silhouettes surely prefer the maps, votes change nothing (``vote_checks``).
 Elsewhere a view's own map is corrected, not replaced: the average of own map, silhouettes and
 votes, weighted by their agreement; of own map and votes along its outline, for which silhouettes
-are too coarse, and on plain ground; and not even that where the photos' edges are against it.
+are too coarse, and on plain ground. Own maps stay where that leads outlines away from edges.
 
 Each splat's vote counts from the mean vote on that meets the maps best, but masks are made of a
 quarter of the votes: most maps miss more than they invent. Where half of the votes meet maps best,
 it is these masks whose agreement counts; but not where ground was cut away, which maps take along.
 
-Parts attached to the object (``attached_parts``) join where they are few and where the photos
-confirm their outlines; many join where they have the object's colours, too. Both decisions are for
-the capture. A single view keeps the averaged mask if its photo does not confirm the voted outline
-and silhouettes agree better with its map. So does a held-out view which the splats, that have never
-been fitted to it, surely show worse than those they were fitted to.
+Parts attached to the object (``attached_parts``) join where they are few and where their outlines
+lie on the photos' edges; many join where they have the object's colours, too. Both decisions are
+for the capture. A single view keeps the averaged mask if its voted outline lies on edges much less
+than its map's and silhouettes agree better with its map. So does a held-out view which the splats,
+that have never been fitted to it, surely show worse than those they were fitted to.
 """
 
 from collections.abc import Sequence
@@ -41,10 +41,10 @@ from mattgs_ops.object_masks.corrected_maps import (
     corrected_by_all,
     unless,
 )
-from mattgs_ops.object_masks.objections import denied_views, objection, share_left
+from mattgs_ops.object_masks.map_scores import MapScores, ViewMaps, choose_parts
 from mattgs_ops.object_masks.photo_evidence.significance import surely_larger
-from mattgs_ops.object_masks.splats.votes import CERTAIN, Votes
-from mattgs_ops.object_masks.witnesses import Known, Witnessed, judge_parts
+from mattgs_ops.object_masks.splats.votes import CERTAIN, VotedMaps
+from mattgs_ops.object_masks.vote_checks import share_left, views_against_votes, why_not_votes
 
 Source = Literal["votes", "maps"]
 
@@ -72,7 +72,7 @@ class Decision:
     ``level`` is the mean vote from which on splats that are object meet the maps best.
     ``confirmed`` is the share of outlines that lies on an edge of the photo, by whose outline it
     is; ``attached`` the area that attached parts add to that of the votes, ``alike`` the share of
-    it that has the object's colours, where it was asked for; ``left`` the share of the maps that
+    it that has the object's colours, where it was measured; ``left`` the share of the maps that
     the masks of the votes leave. ``own_kept``: maps stay as they were,
     as correcting them leads their outlines away from edges.
     """
@@ -100,34 +100,34 @@ def half_meet_best(level: float) -> bool:
     return level >= CERTAIN
 
 
-def decide(known: Known, votes: Votes | None) -> tuple[Decision, list[SoftMap]]:
+def decide(views: ViewMaps, votes: VotedMaps | None) -> tuple[Decision, list[SoftMap]]:
     """Return the decision, and each view's map [H, W] in [0, 1]: 0.5 is the outline.
 
     What holds for the capture is decided by the views that are trained on; the others get masks by
     that decision and do not influence it. ``votes`` is None where no view calls a splat object.
     """
-    own, others, deciding = known.own, known.predicted, known.deciding
-    confirmed = {"maps": own.confirmed(deciding)}
+    own, others, trained = views.own, views.predicted, views.trained_views
+    on_edges = {"maps": own.mean_on_edges(trained)}
     if votes is None:
-        found = _without_votes(known, confirmed)
-        return found, corrected(own.maps, others, own.maps, known.silhouettes, 0.0, along=own.maps)
-    certain, whole = known.ask(votes.certain), known.ask(votes.with_parts)
-    confirmed |= {"votes": certain.confirmed(deciding), "attached": whole.confirmed(deciding)}
-    parts = judge_parts(known, certain, whole)
+        found = _without_votes(views, on_edges)
+        return found, corrected(own.maps, others, own.maps, views.silhouettes, 0.0, along=own.maps)
+    certain, whole = views.score(votes.certain), views.score(votes.with_parts)
+    on_edges |= {"votes": certain.mean_on_edges(trained), "attached": whole.mean_on_edges(trained)}
+    parts = choose_parts(views, certain, whole)
     voted = whole if parts.join else certain
-    agreement = _votes_agreement(votes, voted, known.speaking)
-    left = share_left(known, voted.maps)
-    against = objection(known, votes, voted, agreement, confirmed, left)
-    denied = denied_views(known, certain, voted)
-    sources: list[Source] = ["maps" if against or one else "votes" for one in denied]
-    mixed, kept = _corrected(known, votes, voted, denied if against else None)
+    agreement = _votes_agreement(votes, voted, views.with_object)
+    left = share_left(views, voted.maps)
+    why_not = why_not_votes(views, votes, voted, agreement, on_edges, left)
+    against_votes = views_against_votes(views, certain, voted)
+    sources: list[Source] = ["maps" if why_not or one else "votes" for one in against_votes]
+    mixed, kept = _corrected(views, votes, voted, against_votes if why_not else None)
     found = Decision(
-        masks="maps" if against else "votes",
-        reason=against or "votes meet maps and edges at least as well as silhouettes and maps do",
-        silhouettes=known.silhouettes,
+        masks="maps" if why_not else "votes",
+        reason=why_not or "votes meet maps and edges at least as well as silhouettes and maps do",
+        silhouettes=views.silhouettes,
         votes=agreement,
         level=votes.level,
-        confirmed=confirmed,
+        confirmed=on_edges,
         attached=parts.added,
         attached_kept=parts.join,
         own_kept=kept,
@@ -136,10 +136,10 @@ def decide(known: Known, votes: Votes | None) -> tuple[Decision, list[SoftMap]]:
         views=tuple(
             ViewEvidence(*one)
             for one in zip(
-                known.names,
-                known.by_outline,
-                certain.met,
-                voted.met,
+                views.names,
+                views.by_outline,
+                certain.overlap,
+                voted.overlap,
                 voted.on_edges,
                 sources,
                 strict=True,
@@ -151,63 +151,63 @@ def decide(known: Known, votes: Votes | None) -> tuple[Decision, list[SoftMap]]:
 
 
 def _corrected(
-    known: Known, votes: Votes, voted: Witnessed, denied: Sequence[bool] | None
+    views: ViewMaps, votes: VotedMaps, voted: MapScores, against_votes: Sequence[bool] | None
 ) -> tuple[list[SoftMap], bool]:
     """Return the own maps as the others and votes correct them, and whether they were kept instead.
 
-    ``denied`` is None where votes make the capture's masks, and these maps those of single views;
-    else votes count along the outlines of all views but the denied ones.
+    ``against_votes`` is None where votes make the capture's masks, and these maps those of single
+    views; else votes count along the outlines of all other views.
     """
-    own, along = known.own.maps, known.own.maps
-    if denied is not None:
-        own_right = known.silhouettes * known.own.confirmed(known.deciding)
-        votes_right = voted.meets(known.speaking) * voted.confirmed(known.deciding)
-        along = unless(denied, averaged(own, voted.maps, own_right, votes_right), own)
+    own, along, trained = views.own.maps, views.own.maps, views.trained_views
+    if against_votes is not None:
+        own_right = views.silhouettes * views.own.mean_on_edges(trained)
+        votes_right = voted.mean_overlap(views.with_object) * voted.mean_on_edges(trained)
+        along = unless(against_votes, averaged(own, voted.maps, own_right, votes_right), own)
     mixed = corrected_by_all(
-        own, known.predicted, votes, known.silhouettes, along, alone=known.plain_ground
+        own, views.predicted, votes, views.silhouettes, along, alone=views.plain_ground
     )
-    if denied is None or not _leads_away(known, mixed):
+    if against_votes is None or not _leads_away(views, mixed):
         return mixed, False
     return unless([not (one >= HALF).any() for one in own], own, mixed), True
 
 
-def _without_votes(known: Known, confirmed: dict[str, float]) -> Decision:
+def _without_votes(views: ViewMaps, on_edges: dict[str, float]) -> Decision:
     """Return the decision of a capture whose splats no view calls object."""
     reason = "no splat is salient to the views"
-    views = tuple(
+    each = tuple(
         ViewEvidence(name, one, None, None, None, "maps")
-        for name, one in zip(known.names, known.by_outline, strict=True)
+        for name, one in zip(views.names, views.by_outline, strict=True)
     )
     return Decision(
         "maps",
         reason,
-        known.silhouettes,
+        views.silhouettes,
         None,
         None,
-        confirmed,
+        on_edges,
         0.0,
         False,
         False,
         None,
         None,
-        views,
+        each,
     )
 
 
-def _votes_agreement(votes: Votes, voted: Witnessed, speaking: Sequence[int]) -> float:
+def _votes_agreement(votes: VotedMaps, voted: MapScores, with_object: Sequence[int]) -> float:
     """Return the mean IoU of votes with own maps: of others' votes, or of what is delivered.
 
     The latter counts where half of the votes meet maps best and no ground was cut away.
     """
     if half_meet_best(votes.level) and votes.place.ground is None:
-        return voted.meets(speaking)
+        return voted.mean_overlap(with_object)
     return float(np.mean(votes.agreement))
 
 
-def _leads_away(known: Known, mixed: Sequence[SoftMap]) -> bool:
+def _leads_away(views: ViewMaps, mixed: Sequence[SoftMap]) -> bool:
     """Whether outlines of corrected maps surely lie on photos' edges less than those of own maps.
 
-    Views without an object in their map are not asked.
+    Views without an object in their map are not compared.
     """
-    before, after = known.own.on_edges, known.ask(mixed).on_edges
-    return surely_larger(*([one[k] for k in known.speaking] for one in (before, after)))
+    before, after = views.own.on_edges, views.score(mixed).on_edges
+    return surely_larger(*([one[k] for k in views.with_object] for one in (before, after)))

@@ -1,11 +1,11 @@
 """Which of several networks' maps are the photos' own: their mean, or one that is surely better.
 
-A file of several networks (``segment.network.ensemble``) says their mean and what each says by
-itself. The mean is the best of them on most captures; but one network may take along the plate on
+A file of several networks (``segment.network.ensemble``) outputs their mean and each one's own
+map. The mean is the best of them on most captures; but one network may take along the plate on
 which an object stands, and one may miss pale things on pale ground. Once cameras are known, two
-witnesses tell, view by view: how well a map meets the outline that the others of its network
-predict for it (``silhouettes``), and how much of its outline lies on the photo's edges. What both
-say is multiplied, as in ``decision``.
+measures tell, view by view: how well a map meets the outline that the others of its network
+predict for it (``silhouettes``), and how much of its outline lies on the photo's edges. Both are
+multiplied, as in ``decision``.
 """
 
 from collections.abc import Sequence
@@ -27,9 +27,9 @@ from mattgs_ops.object_masks.splats.labels import shrunk
 class OwnMaps:
     """The chosen ``maps`` [H, W], one a view, and which of the networks' they are.
 
-    ``chosen`` is 0 for the mean, and k for the kth network of the file; ``worths`` what the
-    witnesses say of each on average, 0 to 1. ``outlines`` is what the chosen maps predict of each
-    other, None where they share no object.
+    ``chosen`` is 0 for the mean, and k for the kth network of the file; ``worths`` what each is
+    worth on average by the two measures, 0 to 1. ``outlines`` is what the chosen maps predict of
+    each other, None where they share no object.
     """
 
     maps: list[SoftMap]
@@ -48,7 +48,7 @@ def choose(
 
     ``offered`` has the maps [H, W] in [0, 1] of the mean and of each network, one a view, of the
     ``photos``' sizes [H, W, 3]; ``cameras`` have the size at which silhouettes are compared. Only
-    views that are ``trained`` on are asked. A map without an object is worth nothing.
+    views that are ``trained`` on are compared. A map without an object is worth nothing.
     """
     edges = [edges_near(photo) for photo in photos]
     small = [list(map(shrunk, maps, cameras)) for maps in offered]
@@ -67,13 +67,13 @@ def _worths(
     edges: Sequence[NDArray[np.bool_]],
     trained: Sequence[bool],
 ) -> list[float]:
-    """Return what the witnesses say of each training view's map, 0 to 1.
+    """Return what each training view's map is worth by the two measures, 0 to 1.
 
     ``small`` are the maps at the size of ``outlines``.
     """
-    asked = [k for k, use in enumerate(trained) if use]
+    used = [k for k, use in enumerate(trained) if use]
     if outlines is None:
-        return [0.0] * len(asked)
-    speaking = [k for k in asked if (small[k] >= HALF).any()]
-    met = dict(zip(speaking, outlines.agreement, strict=True))
-    return [met.get(k, 0.0) * share_on_edges(maps[k] >= HALF, edges[k]) for k in asked]
+        return [0.0] * len(used)
+    with_object = [k for k in used if (small[k] >= HALF).any()]
+    overlap = dict(zip(with_object, outlines.agreement, strict=True))
+    return [overlap.get(k, 0.0) * share_on_edges(maps[k] >= HALF, edges[k]) for k in used]

@@ -1,4 +1,4 @@
-"""What the other views' maps say of each view, by outlines alone: no texture, no splats.
+"""What the other views' maps predict of each view, by outlines alone: no texture, no splats.
 
 A point of the object lies inside every silhouette (Laurentini 1994). For each ray of a view the
 largest share of the *other* views that call one of its points object is what they predict there:
@@ -26,7 +26,7 @@ MARGIN = 1.3  # of the object's radius: the cube holds a little more than the me
 FEWEST_SHARE = 0.5  # of the other views must see a point for it to count
 SHARES = (1.0, 0.9, 0.75, 0.5)  # from none of the maps wrong to half of them
 CONTRADICT = 0.5  # IoU below which two masks differ in more than they share
-FEWEST_SPEAKING = 2
+FEWEST_VIEWS = 2
 NEAREST = 0.1  # of the points are nearer to the camera than those whose gaps are closed
 MOST_GAP = 8  # pixels; a camera that is closer sees nothing else
 LARGEST_CONDITION = 1e6  # of the rays' equations: beyond it all views look the same way
@@ -39,7 +39,7 @@ class Silhouettes:
     """``predicted`` [V][H, W] in [0, 1], at least 0.5 where the other views say object.
 
     ``agreement`` is the IoU of prediction and own map of each view that found something; ``share``
-    is the share of the other views that was asked for.
+    is the share of the other views from which on a ray counts.
     """
 
     predicted: list[SoftMap]
@@ -57,36 +57,36 @@ def predict(
 ) -> Silhouettes | None:
     """Predict every view's map from the others'; ``maps`` [H, W] in [0, 1] fit their cameras.
 
-    Views whose map shows nothing say nothing, and are predicted; so are those that are not
+    Views whose map shows nothing are predicted, and predict nothing; so are those that are not
     ``trained`` on (None: all are). None where fewer than two maps show something, or the rays
     through their middles meet nowhere.
     """
     own = [soft >= HALF for soft in maps]
-    speaking = [
-        bool(mask.any()) and heard
-        for mask, heard in zip(own, trained or [True] * len(own), strict=True)
+    counted = [
+        bool(mask.any()) and use
+        for mask, use in zip(own, trained or [True] * len(own), strict=True)
     ]
-    points = _points(cameras, own, speaking)
+    points = _points(cameras, own, counted)
     if points is None:
         return None
     places = [_pixels(camera, points) for camera in cameras]
-    seen, said = np.zeros(len(points), np.int32), np.zeros(len(points), np.int32)
-    for mask, (index, inside), speaks in zip(own, places, speaking, strict=True):
-        if speaks:
+    seen, covered = np.zeros(len(points), np.int32), np.zeros(len(points), np.int32)
+    for mask, (index, inside), counts in zip(own, places, counted, strict=True):
+        if counts:
             seen += inside
-            said += inside & mask.ravel()[index]
+            covered += inside & mask.ravel()[index]
     shares, unwatched = [], []
     gaps = [_gap(camera, points) for camera in cameras]
-    for mask, (index, inside), speaks, gap in zip(own, places, speaking, gaps, strict=True):
-        others = seen - inside if speaks else seen
-        yes = said - (inside & mask.ravel()[index]) if speaks else said
-        enough = (others >= FEWEST_SHARE * (sum(speaking) - speaks)) & (others > 0)
+    for mask, (index, inside), counts, gap in zip(own, places, counted, gaps, strict=True):
+        others = seen - inside if counts else seen
+        yes = covered - (inside & mask.ravel()[index]) if counts else covered
+        enough = (others >= FEWEST_SHARE * (sum(counted) - counts)) & (others > 0)
         share = (yes / np.where(enough, others, 1) * (inside & enough)).astype(np.float32)
         shares.append(_largest(share, index, mask.shape, gap))
         unseen = (inside & ~enough).astype(np.float32)
         unwatched.append(_largest(unseen, index, mask.shape, gap) > 0)
-    found = _fitted(shares, own, speaking)
-    # where few others look, they deny nothing: the view's own word stands
+    found = _fitted(shares, own, counted)
+    # where few others look, they take nothing away: the view's own map stays
     predicted = [
         np.where(unseen, np.maximum(soft, mask), soft)
         for soft, mask, unseen in zip(found.predicted, own, unwatched, strict=True)
@@ -114,21 +114,21 @@ def resized(maps: Sequence[SoftMap], like: Sequence[SoftMap]) -> list[SoftMap]:
 
 
 def around_half(share: SoftMap, wanted: float) -> SoftMap:
-    """Stretch shares or answers [H, W] so that the wanted one becomes a half, and 0 and 1 stay."""
+    """Stretch shares or votes [H, W] so that the wanted one becomes a half, and 0 and 1 stay."""
     above = np.ones_like(share) if wanted >= 1 else 0.5 + 0.5 * (share - wanted) / (1 - wanted)
     stretched: SoftMap = np.where(share < wanted, share / (2 * wanted), above).astype(np.float32)
     return stretched
 
 
 def _fitted(
-    shares: Sequence[SoftMap], own: Sequence[NDArray[np.bool_]], speaking: Sequence[bool]
+    shares: Sequence[SoftMap], own: Sequence[NDArray[np.bool_]], counted: Sequence[bool]
 ) -> Silhouettes:
-    """Ask for the share that meets the views' own maps best."""
+    """Choose the share that meets the views' own maps best."""
     tried: dict[float, list[float]] = {
         wanted: [
             iou(share >= wanted, mask)
-            for share, mask, speaks in zip(shares, own, speaking, strict=True)
-            if speaks
+            for share, mask, counts in zip(shares, own, counted, strict=True)
+            if counts
         ]
         for wanted in SHARES
     }
@@ -137,12 +137,12 @@ def _fitted(
 
 
 def _points(
-    cameras: Sequence[Camera], own: Sequence[NDArray[np.bool_]], speaking: Sequence[bool]
+    cameras: Sequence[Camera], own: Sequence[NDArray[np.bool_]], counted: Sequence[bool]
 ) -> Floats | None:
     """Fill the ball around the object with points [P, 3], by the maps' middles and extents."""
     rays, normal, offset = [], np.zeros((3, 3)), np.zeros(3)
-    for camera, mask, speaks in zip(cameras, own, speaking, strict=True):
-        if not speaks:
+    for camera, mask, counts in zip(cameras, own, counted, strict=True):
+        if not counts:
             continue
         rows, columns = np.nonzero(mask)
         lens = camera.intrinsics
@@ -153,7 +153,7 @@ def _points(
         offset += across @ camera.centre
         extent = np.hypot(columns + 0.5 - x, rows + 0.5 - y).max() / lens.fx
         rays.append((camera, float(extent)))
-    if len(rays) < FEWEST_SPEAKING or np.linalg.cond(normal) > LARGEST_CONDITION:
+    if len(rays) < FEWEST_VIEWS or np.linalg.cond(normal) > LARGEST_CONDITION:
         return None
     middle = np.asarray(np.linalg.solve(normal, offset), dtype=np.float64)
     radii = [extent * float(camera.depths(middle[None])[0]) for camera, extent in rays]

@@ -84,7 +84,7 @@ CHOOSING_SETS = (
     # looked at when it was chosen how sure the outline's network has to be
     EvaluationSet("temple", "dark-flash"),
     EvaluationSet("stone", "white-sweep"),
-    # looked at when it was chosen how votes correct maps that are believed
+    # looked at when it was chosen how votes correct maps that make the masks
     EvaluationSet("stone", "woods"),
     EvaluationSet("stone", "black-cloth"),
 )

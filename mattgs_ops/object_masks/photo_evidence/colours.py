@@ -1,10 +1,10 @@
-"""Colours: masks cut anew where photos and maps both speak for it; what looks like the object.
+"""Colours: masks cut anew where photos and maps both support it; what looks like the object.
 
 On even ground splats fill the air as they please: what lies between a rover's wheels is object by
 votes and white paper in the photo. GrabCut, seeded by what a map is sure about
 (``segment.grabcut``), tells the two apart by colour. On cluttered desks it takes things along that
-look alike. Nobody knows the truth, so two witnesses must agree: the new outlines lie on the photos'
-edges more, view by view, and the new masks meet the photos' own maps at least as well.
+look alike. The true masks are unknown, so two measures must agree: the new outlines lie on the
+photos' edges more, view by view, and the new masks meet the photos' own maps at least as well.
 """
 
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ GOOD = 0.99  # share of outlines on edges from which on there is nothing to mend
 SURE = 0.8  # of a map, and 1 - SURE for background: colours decide only what lies between
 BINS = 16  # of each axis of CIELAB; neighbours are blurred into each other, by one bin
 FEWEST_PIXELS = 20  # of a colour histogram, and of what is compared with it
-MOST_VIEWS = 24  # that are asked: a t-test gains little from more, and each takes 0.15 s
+MOST_VIEWS = 24  # that are compared: a t-test gains little from more, and each takes 0.15 s
 
 Bits = NDArray[np.bool_]
 
@@ -48,17 +48,17 @@ def cut_by_colours(
     *,
     threads: int = 1,
 ) -> tuple[ColourEvidence | None, list[SoftMap]]:
-    """Return what colours say, and the agreed maps, corrected by them where that helps.
+    """Return what the cut by colours changes, and the agreed maps, corrected where that helps.
 
     ``photos`` [H, W, 3] RGB, ``own`` and ``agreed`` maps [H, W] in [0, 1] are all of one size. Only
-    views that are ``trained`` on are asked, at most :data:`MOST_VIEWS`, evenly. None where the
+    views that are ``trained`` on are compared, at most :data:`MOST_VIEWS`, evenly. None where the
     outlines need nothing.
     """
-    deciding = [index for index, use in enumerate(trained) if use]
-    count = min(len(deciding), MOST_VIEWS)
-    asked = [deciding[k * len(deciding) // count] for k in range(count)]
-    edges = [edges_near(photos[index]) for index in asked]
-    before = [_cleaned(agreed[index]) for index in asked]
+    training = [index for index, use in enumerate(trained) if use]
+    count = min(len(training), MOST_VIEWS)
+    compared = [training[k * len(training) // count] for k in range(count)]
+    edges = [edges_near(photos[index]) for index in compared]
+    before = [_cleaned(agreed[index]) for index in compared]
     shares = [share_on_edges(mask > 0, edge) for mask, edge in zip(before, edges, strict=True)]
     if np.mean(shares) >= GOOD:
         return None, list(agreed)
@@ -67,15 +67,15 @@ def cut_by_colours(
         pairs = [photos[k] for k in views], [agreed[k] for k in views]
         return dict(zip(views, over_views(by_colours, *pairs, threads=threads), strict=True))
 
-    corrected = cut(asked)
-    after = [_cleaned(corrected[index]) for index in asked]
+    corrected = cut(compared)
+    after = [_cleaned(corrected[index]) for index in compared]
     moved = [share_on_edges(mask > 0, edge) for mask, edge in zip(after, edges, strict=True)]
-    mine = [own[index] for index in asked]
-    meets = [float(np.mean(overlaps(mine, masks))) for masks in (before, after)]
+    mine = [own[index] for index in compared]
+    overlap = [float(np.mean(overlaps(mine, masks))) for masks in (before, after)]
     found = ColourEvidence(
-        used=meets[1] >= meets[0] and surely_larger(moved, shares),
+        used=overlap[1] >= overlap[0] and surely_larger(moved, shares),
         on_edges=(float(np.mean(shares)), float(np.mean(moved))),
-        own_maps=(meets[0], meets[1]),
+        own_maps=(overlap[0], overlap[1]),
     )
     if not found.used:
         return found, list(agreed)
@@ -86,8 +86,8 @@ def cut_by_colours(
 def by_colours(photo: NDArray[np.uint8], soft: SoftMap) -> SoftMap:
     """Correct a map [H, W] in [0, 1] by the colours of its photo [H, W, 3] RGB.
 
-    Where colours deny it the map is mirrored about a half; elsewhere it stays. What it is sure
-    about stays as well, thin parts included, which have no inside to learn colours from.
+    Where colours differ from it the map is mirrored about a half; elsewhere it stays. What it is
+    sure about stays as well, thin parts included, which have no inside to learn colours from.
     """
     cut = grabcut_seeded(photo, soft)
     cut[soft >= SURE] = 255

@@ -1,7 +1,7 @@
-"""The photo's own edges: outlines are held against them, and moved to them.
+"""The photo's own edges: outlines are compared with them, and moved to them.
 
 No object ends in the middle of even cloth: how much of an outline lies on edges of the photo says
-how far to believe it (``share_on_edges``).
+how likely it is right (``share_on_edges``).
 
 ``to_photo_edges`` moves outlines at the photo's resolution. Masks by votes are rendered from
 splats, smaller than the photo. The guided filter (He, Sun & Tang 2010) fits, in a window around
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from mattgs_ops.capture.masks import Mask, clean, disc
 
 EDGE = 0.02  # of the range, per pixel: five grey levels; sensors and JPEG stay below
-EDGE_REACH = 2  # pixels, at the size of the answers, between an outline and the photo's edge
+EDGE_REACH = 2  # pixels, at the size of the maps, between an outline and the photo's edge
 REACH = 0.01  # of the longest side: window and band; two to three pixels of the votes' maps
 FLAT = 1e-4  # variance of colours in [0, 1]: (2.5 grey levels)², noise; flatter is no edge
 

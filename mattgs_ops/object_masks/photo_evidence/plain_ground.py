@@ -35,8 +35,8 @@ LIGHTNESS = (-np.inf, -24, -16, -11, -7.5, -5, -3.3, -2, 2, 3.3, 5, 7.5, 11, 16,
 HUE = (0.0, 2, 3.3, 5, 7.5, 11, 16, 24, np.inf)
 SHADOW_ROWS, SHADOW_COLUMNS = 7, 2
 UNSEEN = 1e-4  # share of a histogram's bin that nothing fell into
-# What a map can say at most. Networks fill gaps as surely as they see objects, and miss little
-# that they deny wholly.
+# The range that a map is clipped to. Networks fill gaps as surely as they see objects, and miss
+# little that they give nothing.
 SUREST = (0.01, 0.9)
 # Two classes whose histograms share w, told apart by the larger one, have an IoU of
 # (1 - w / 2) / (1 + w / 2). It must be that of the bundled network on its validation photos, 0.86.
@@ -64,7 +64,7 @@ def correct_by_ground(
     *,
     threads: int = 1,
 ) -> tuple[PlainGround, list[SoftMap]]:
-    """Return what the ground says, and the maps [H, W] in [0, 1], corrected where it is plain.
+    """Return how plain the ground is, and the maps [H, W] in [0, 1], corrected where it is.
 
     ``photos`` [H, W, 3] RGB have the maps' size. Only views that are ``trained`` on are counted; a
     held-out view is corrected by what they show. A photo with too little ground keeps its map.

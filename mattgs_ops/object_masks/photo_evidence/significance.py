@@ -1,4 +1,4 @@
-"""What views say *surely*: more than chance would let a few views say.
+"""What views show *surely*: more than chance would let a few views show.
 
 ``surely_larger`` compares two numbers of each view, ``lowest_expected`` says what further views
 like those at hand may still have. Both leave :data:`CHANCE` for being wrong.
@@ -15,13 +15,13 @@ CHANCE = 0.025  # that one seems larger and is not: half of what an interval of 
 def surely_larger(first: Sequence[float], second: Sequence[float]) -> bool:
     """Whether the first numbers of V views are larger than the second: shares on edges, or IoU.
 
-    A paired t-test over the views; by chance it says so once in forty times, and never where there
+    A paired t-test over the views; by chance it is true once in forty times, and never where there
     is nothing to choose.
     """
     differences = np.subtract(first, second)
     if len(first) < 2:
         return False
-    if np.ptp(differences) == 0:  # no spread to hold a difference against
+    if np.ptp(differences) == 0:  # no spread to compare a difference with
         return bool(differences[0] > 0)
     return bool(ttest_rel(first, second, alternative="greater").pvalue < CHANCE)
 

@@ -1,4 +1,4 @@
-"""What belongs to an object because it is attached to it, whatever a saliency network says of it.
+"""What belongs to an object because it is attached to it, whatever a saliency network finds.
 
 A network misses parts in every photo (a mast's head, a dark face, a lamp) and finds things that
 only look like parts. Splats know more: two of them touch where their ellipsoids, ``TOUCH``
@@ -12,7 +12,7 @@ on, this graph falls apart into things:
    the core than with what cannot be object: ground, or what is far away. A mast's head touches the
    mast alone; a box beside the object touches the ground along all its foot.
 
-Only solid, seen splats make the graph. Fainter ones keep the votes' answer, and join where the
+Only solid, seen splats make the graph. Fainter ones keep the votes' label, and join where the
 solid one nearest to them did. (Taking them by the nearest solid one alone draws a haze around
 outlines: the same IoU, half as much again in MAE.)
 """

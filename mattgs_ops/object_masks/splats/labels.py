@@ -1,4 +1,4 @@
-"""Labels of splats: what the views' maps say of each, and how a camera sees them.
+"""Labels of splats: the mean vote of the views' maps on each, and how a camera sees them.
 
 A view's vote on a splat is the mean saliency of the pixels that the splat colours: Σ blending
 weight × map / Σ blending weight, from the rasteriser (``tally``). ``render_labels`` shows labels to

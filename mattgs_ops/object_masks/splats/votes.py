@@ -48,7 +48,7 @@ SOLID = 0.3  # opacity from which on a splat is a surface
 
 
 @dataclass(frozen=True)
-class Votes:
+class VotedMaps:
     """The maps that follow from the votes, V views, each map [H, W] in [0, 1].
 
     ``predicted`` are the maps from the votes of the other views, at least 0.5 on the object;
@@ -68,12 +68,12 @@ class Votes:
 
 
 @dataclass(frozen=True)
-class Ballot:
+class SplatVotes:
     """The views' votes on the splats, and what others' votes predict; masks follow in several ways.
 
     ``voters`` are the cameras of the views that are trained on, at the size for voting, ``direct``
     [N] the mean votes of the photos' own maps, ``weights`` [N] how much views see of each splat.
-    The rest is as in :class:`Votes`.
+    The rest is as in :class:`VotedMaps`.
     """
 
     splats: Splats
@@ -95,7 +95,7 @@ def collect(
     *,
     trained: Sequence[bool] | None = None,
     threads: int = 1,
-) -> Ballot | None:
+) -> SplatVotes | None:
     """Let the views vote; None where no splat is salient to them.
 
     ``voting`` are the views' cameras at the size for voting. ``maps`` [H, W] in [0, 1], of any
@@ -108,40 +108,40 @@ def collect(
     voting_maps = [soft for soft, votes in zip(maps, can_vote, strict=True) if votes]
     if not voting_maps:
         return None
-    answers = tally(splats, voters, voting_maps, threads=threads)
-    direct, weights = answers.labels(), answers.weight.sum(axis=0)
+    tallied = tally(splats, voters, voting_maps, threads=threads)
+    direct, weights = tallied.labels(), tallied.weight.sum(axis=0)
     around = [camera for camera, use in zip(voting, trained, strict=True) if use]
     place = locate(splats, direct, weights, around, points)
     if place is None:
         return None
-    by_others = _by_others(splats, voting, maps, can_vote, answers, place, threads)
-    return Ballot(splats, around, direct, weights, place, *by_others)
+    by_others = _by_others(splats, voting, maps, can_vote, tallied, place, threads)
+    return SplatVotes(splats, around, direct, weights, place, *by_others)
 
 
 def masks_of(
-    ballot: Ballot,
+    splat_votes: SplatVotes,
     shown: Sequence[Camera],
     *,
     cut_ground: bool = True,
     half_needed: bool = False,
     threads: int = 1,
-) -> Votes:
+) -> VotedMaps:
     """Return the maps that follow from the votes, for the cameras ``shown``, of the masks' size.
 
     Without ``cut_ground`` what lies on the ground is object where the votes say so. With
-    ``half_needed`` the second round asks for half of the first one's votes instead of a quarter.
+    ``half_needed`` the second round needs half of the first one's votes instead of a quarter.
     """
-    splats, place, weights = ballot.splats, ballot.place, ballot.weights
-    labels = without_ground(splats, ballot.direct, place) if cut_ground else ballot.direct
+    splats, place, weights = splat_votes.splats, splat_votes.place, splat_votes.weights
+    labels = without_ground(splats, splat_votes.direct, place) if cut_ground else splat_votes.direct
     middle = CERTAIN if half_needed else QUARTER
     first = [
         stretched(render_labels(splats, [labels], camera, place, threads=threads)[0], middle)
-        for camera in ballot.voters
+        for camera in splat_votes.voters
     ]
-    again = tally(splats, ballot.voters, first, threads=threads).labels()
+    again = tally(splats, splat_votes.voters, first, threads=threads).labels()
     voted = without_ground(splats, again, place) if cut_ground else again
     certain = (voted >= CERTAIN).astype(np.float32)
-    joined = with_attached_parts(splats, again, weights, place, ballot.direct)
+    joined = with_attached_parts(splats, again, weights, place, splat_votes.direct)
     if not cut_ground:
         seen, far = solid(splats, weights), distances_from(splats, place)
         whole = without_stranded(splats, certain > 0, seen, far)
@@ -150,11 +150,11 @@ def masks_of(
         render_labels(splats, [certain, joined], camera, place, threads=threads) for camera in shown
     ]
     of_certain, of_joined = ([maps[k] for maps in by_all] for k in range(2))
-    return Votes(
-        ballot.predicted,
-        ballot.agreement,
-        ballot.soft_agreement,
-        ballot.level,
+    return VotedMaps(
+        splat_votes.predicted,
+        splat_votes.agreement,
+        splat_votes.soft_agreement,
+        splat_votes.level,
         of_certain,
         of_joined,
         place,
@@ -166,11 +166,11 @@ def _by_others(
     cameras: Sequence[Camera],
     maps: Sequence[SoftMap],
     can_vote: Sequence[bool],
-    answers: Tally,
+    tallied: Tally,
     place: Place,
     threads: int,
 ) -> tuple[list[SoftMap], list[float], list[float], float]:
-    """Predict every view from the other views' votes; see :class:`Votes` for what is returned.
+    """Predict every view from the other views' votes; see :class:`VotedMaps` for what is returned.
 
     The bound from which on a splat is object is the one of :data:`LEVELS` that agrees best with the
     views' own maps.
@@ -178,7 +178,7 @@ def _by_others(
     own, labels, soft, voter = [], [], [], 0
     for camera, mine, votes in zip(cameras, maps, can_vote, strict=True):
         own.append(shrunk(mine, camera) >= CERTAIN)
-        labels.append(answers.labels(voter if votes else None))
+        labels.append(tallied.labels(voter if votes else None))
         soft += render_labels(splats, labels[-1:], camera, place, threads=threads)
         voter += votes
     compared = [index for index, mask in enumerate(own) if mask.any() and can_vote[index]]
@@ -202,7 +202,7 @@ def locate(
     """Find the object among the splats; None where no splat is salient to its views.
 
     Triangulated ``points`` [P, 3] lie on the ground more exactly than splats of a short training,
-    which are thick. Where they show no plane, or there are none, splats are asked.
+    which are thick. Where they show no plane, or there are none, the plane is sought among splats.
     """
     xyz = splats.means.numpy().astype(np.float64)
     surface = solid(splats, weights)
@@ -257,20 +257,20 @@ def with_attached_parts(
 def _feet(
     means: NDArray[np.float64],
     belongs: NDArray[np.bool_],
-    claimed: NDArray[np.bool_],
+    salient: NDArray[np.bool_],
     ground: ground_plane.Plane,
     reach: float,
 ) -> NDArray[np.bool_]:
     """Return which splats [N] where the ground begins are what the object stands on it with.
 
-    They are ``claimed`` by the photos' maps and lie within ``reach`` of the plane, under what
+    They are ``salient`` in the photos' maps and lie within ``reach`` of the plane, under what
     ``belongs`` to the object up to twice as high, or at most as far beside it. A shadow on the
-    ground may be claimed, too, but has air above.
+    ground may be salient, too, but has air above.
     """
     heights = ground.heights(means)
     along = means - heights[:, None] * ground.normal
     above = belongs & (heights < 2 * reach)
-    feet = claimed & (np.abs(heights) < reach)
+    feet = salient & (np.abs(heights) < reach)
     if not above.any() or not feet.any():
         return np.zeros_like(belongs)
     feet[feet] = cKDTree(along[above]).query(along[feet])[0] <= reach

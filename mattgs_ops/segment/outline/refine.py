@@ -20,7 +20,7 @@ BUNDLED_OUTLINE = Path(__file__).resolve().parents[2] / "bundled" / "segmenter" 
 LONGEST_SIDE = 1024  # pixels: larger photos are shrunk, so that errors span as much as learnt
 REACH = 16  # pixels around the outline, there; what is farther stays
 CONTEXT = 32  # pixels around the reach that the network sees, too
-SURE = 0.75  # three to one; below, the mask is believed that votes and the photo's edges made
+SURE = 0.75  # three to one; below, the mask stays that votes and the photo's edges made
 
 
 class OutlineRefiner:

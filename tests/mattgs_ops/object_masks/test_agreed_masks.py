@@ -1,4 +1,4 @@
-"""What the delivered masks are cut by: the outline's network, asked as it was trained."""
+"""What the delivered masks are cut by: the outline's network, called as it was trained."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -18,19 +18,19 @@ RED = (0, 0, 200)  # as OpenCV writes it
 
 
 class Watching(OutlineRefiner):
-    """Notes which photos it is asked about, and how; changes nothing."""
+    """Notes which photos it is called with, and how; changes nothing."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.asked: list[tuple[str, tuple[int, ...]]] = []
+        self.calls: list[tuple[str, tuple[int, ...]]] = []
 
     def refine(self, photo: NDArray[np.uint8], soft: SoftMap, mask: Mask) -> Mask:
         assert soft.shape == mask.shape
-        self.asked.append(("near", tuple(photo[0, 0])))
+        self.calls.append(("near", tuple(photo[0, 0])))
         return mask
 
     def mend(self, photo: NDArray[np.uint8], soft: SoftMap) -> SoftMap:
-        self.asked.append(("afar", tuple(photo[0, 0])))
+        self.calls.append(("afar", tuple(photo[0, 0])))
         return soft
 
 
@@ -47,7 +47,7 @@ def test_the_network_sees_red_photos_as_red_and_from_afar_on_plain_ground(
     agreed = {view.name: soft for view, soft in zip(scene.views, maps, strict=True)}
     agreed_masks.write(scene, capture, tmp_path, report, agreed, {}, plain_ground=plain, threads=1)
     looks = ["afar", "near"] if plain else ["near"]
-    assert watching.asked == [(look, RED[::-1]) for _ in scene.views for look in looks]
+    assert watching.calls == [(look, RED[::-1]) for _ in scene.views for look in looks]
 
 
 def test_masks_are_scored_by_the_truth_without_the_lens_s_distortion(

@@ -28,12 +28,12 @@ def test_votes_count_by_their_odds_and_no_more_than_the_own_map(
     np.testing.assert_allclose(found, share, atol=1e-6)
 
 
-def test_what_other_silhouettes_deny_counts_twice() -> None:
+def test_what_lies_outside_other_silhouettes_counts_twice() -> None:
     """Inside them may be free space; outside them nothing is, if they are right."""
     blank = _even(0)
-    (denied,) = corrected([_even(1)], [_even(0)], [_even(0)], 0.5, 0.0, [blank])
+    (outside,) = corrected([_even(1)], [_even(0)], [_even(0)], 0.5, 0.0, [blank])
     (lent,) = corrected([_even(0)], [_even(1)], [_even(0)], 0.5, 0.0, [blank])
-    np.testing.assert_allclose(denied, 1 / 3, atol=1e-6)
+    np.testing.assert_allclose(outside, 1 / 3, atol=1e-6)
     np.testing.assert_allclose(lent, 1 / 2, atol=1e-6)
 
 
@@ -46,14 +46,14 @@ def test_along_its_outline_a_map_follows_what_is_more_exact() -> None:
     np.testing.assert_allclose(found[:, 30:], 0, atol=1e-6)
 
 
-def test_the_outline_of_a_part_that_all_deny_goes_with_the_part() -> None:
+def test_the_outline_of_a_part_that_no_other_shows_goes_with_the_part() -> None:
     own = _even(0)
     own[:, :20] = 1
     (found,) = corrected([own], [_even(0)], [_even(0)], 0.9, 0.9, [own])
     assert (found < 0.5).all()
 
 
-def test_one_map_stands_where_the_other_is_refused() -> None:
+def test_a_map_is_replaced_by_another() -> None:
     first, second = [_even(0), _even(0)], [_even(1), _even(1)]
     found = unless([True, False], first, second)
     assert [float(one.mean()) for one in found] == [1, 0]

@@ -1,4 +1,4 @@
-"""What the stage leaves as it was, what it does about a low plate, and what it says of both."""
+"""What the stage leaves as it was, what it does about a low plate, and what it records of both."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from mattgs_ops.capture.formats.colmap_model import write_model
 from mattgs_ops.capture.masks import mask_name, read_map
 from mattgs_ops.capture.scene import PreparedCapture, Scene, SparsePoints, View
 from mattgs_ops.capture.sparse import SparseImage, SparseModel
-from mattgs_ops.object_masks import cross_view, decision, poll
+from mattgs_ops.object_masks import cross_view, decision, vote_variants
 from mattgs_ops.object_masks.cross_view import agree
 from mattgs_ops.object_masks.photo_evidence import plain_ground
 from mattgs_ops.object_masks.silhouettes import iou
@@ -104,14 +104,14 @@ def painted(colours: np.ndarray, splats: Splats) -> list[np.ndarray]:
     return [render(splats, camera, black, sh_degree=0).image.numpy() for camera in orbit()]
 
 
-@pytest.mark.parametrize(("plate", "believed"), [(True, True), (True, False), (False, True)])
+@pytest.mark.parametrize(("plate", "votes_used"), [(True, True), (True, False), (False, True)])
 def test_the_ground_is_cut_unless_that_goes_through_a_plate_of_the_object(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, plate: bool, believed: bool
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, plate: bool, votes_used: bool
 ) -> None:
-    """A ball on a desk, on a low plate or in a shadow of that size. Maps claim either.
+    """A ball on a desk, on a low plate or in a shadow of that size. Maps take either along.
 
     Splats of an even plate lie at any height in it, so that a cut leaves it in shreds. The desk has
-    all colours, so that none tells it from the ball. Votes that are not believed correct maps by
+    all colours, so that none tells it from the ball. Votes that are not used correct maps by
     what they are without the cut, too.
     """
     means = scene_of_splats().means.numpy()
@@ -120,7 +120,7 @@ def test_the_ground_is_cut_unless_that_goes_through_a_plate_of_the_object(
     heights = np.random.default_rng(1).uniform(0, 0.06, len(means))
     means[disc, 2] = heights[disc] if plate else 0.0
     splats = made_of(means, np.full(len(means), 0.025))
-    claimed = (np.arange(len(means)) < BALL) | disc
+    in_maps = (np.arange(len(means)) < BALL) | disc
     speckles = np.random.default_rng(0).uniform(0.0, 0.9, (len(means), 3))
     shade = np.where(disc, np.clip(distance / 0.9, 0.3, 1), 1)[:, None]
     colours = np.where(disc[:, None], [0.1, 0.2, 0.7], speckles) if plate else speckles * shade
@@ -130,17 +130,17 @@ def test_the_ground_is_cut_unless_that_goes_through_a_plate_of_the_object(
     ]
     truths = [
         shown[..., 0]
-        for shown in painted((claimed if plate else claimed & ~disc)[:, None].repeat(3, 1), splats)
+        for shown in painted((in_maps if plate else in_maps & ~disc)[:, None].repeat(3, 1), splats)
     ]
-    maps = [shown[..., 0].clip(0, 1) for shown in painted(claimed[:, None].repeat(3, 1), splats)]
+    maps = [shown[..., 0].clip(0, 1) for shown in painted(in_maps[:, None].repeat(3, 1), splats)]
     scene, capture = solved(tmp_path / "in", "u2net", maps, photos)
     monkeypatch.setattr(cross_view, "train_surfaces", lambda *_args, **_settings: splats)
-    if not believed:
-        monkeypatch.setattr(decision, "objection", lambda *_: "not believed")
+    if not votes_used:
+        monkeypatch.setattr(decision, "why_not_votes", lambda *_: "not used")
     found = agree(scene, capture, tmp_path / "out")
     assert not found.extra["agreement"]["plain_ground"]["used"]
     assert found.extra["agreement"]["ground_share"] > 0.5
-    assert found.extra["agreement"]["masks"] == ("votes" if believed else "maps")
+    assert found.extra["agreement"]["masks"] == ("votes" if votes_used else "maps")
     assert found.extra["agreement"]["ground_cut"] != plate
     scores = [
         iou(read_map(view.mask) > 0, shown >= 0.5)
@@ -184,7 +184,7 @@ def test_a_network_that_is_surely_better_than_the_mean_makes_the_masks(
 
 
 @pytest.mark.parametrize(("invented", "sure"), [(True, True), (True, False), (False, True)])
-def test_half_of_the_votes_is_asked_for_where_maps_and_edges_say_so(
+def test_half_of_the_votes_is_needed_where_that_fits_maps_and_edges_better(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, invented: bool, sure: bool
 ) -> None:
     """A ball on rolling grey ground, a disc of which four of ten maps take along; or right maps.
@@ -192,7 +192,7 @@ def test_half_of_the_votes_is_asked_for_where_maps_and_edges_say_so(
     Where no test is sure, half of the votes still passes against the maps, and a quarter does not.
     """
     if not sure:
-        monkeypatch.setattr(poll, "surely_larger", lambda *_: False)
+        monkeypatch.setattr(vote_variants, "surely_larger", lambda *_: False)
     means = scene_of_splats().means.numpy()
     ground = np.arange(len(means)) >= BALL
     if invented:
@@ -211,7 +211,7 @@ def test_half_of_the_votes_is_asked_for_where_maps_and_edges_say_so(
     ]
     scene, capture = solved(tmp_path / "in", "u2net", maps, photos)
     monkeypatch.setattr(cross_view, "train_surfaces", lambda *_args, **_settings: splats)
-    # grey ground says by itself what is object; here votes alone are asked
+    # grey ground alone would correct the maps; here votes alone do
     monkeypatch.setattr(plain_ground, "LARGEST_OVERLAP", -1.0)
     found = agree(scene, capture, tmp_path / "out")
     assert not found.extra["agreement"]["plain_ground"]["used"]

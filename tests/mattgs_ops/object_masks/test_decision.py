@@ -9,11 +9,11 @@ import pytest
 from mattgs_ops.capture.masks import SoftMap
 from mattgs_ops.object_masks.corrected_maps import averaged
 from mattgs_ops.object_masks.decision import Decision, decide, half_meet_best
+from mattgs_ops.object_masks.map_scores import MOST_ATTACHED, MOST_OFF_EDGES, ViewMaps
 from mattgs_ops.object_masks.silhouettes import Silhouettes, iou, predict
 from mattgs_ops.object_masks.splats.ground_plane import Plane
 from mattgs_ops.object_masks.splats.labels import Place
-from mattgs_ops.object_masks.splats.votes import LEVELS, Votes
-from mattgs_ops.object_masks.witnesses import MOST_ATTACHED, UNCONFIRMED, Known
+from mattgs_ops.object_masks.splats.votes import LEVELS, VotedMaps
 from tests.mattgs_ops.object_masks.ball import CENTRE, HEIGHT, RADIUS, VIEWS, WIDTH, orbit, truth
 
 CAMERAS = orbit()
@@ -32,23 +32,23 @@ def grown(soft: SoftMap, pixels: int) -> SoftMap:
     return np.asarray(cv2.dilate(soft, np.ones((side, side), np.uint8)), dtype=np.float32)
 
 
-def votes(own: list[SoftMap], sure: list[SoftMap], whole: list[SoftMap] | None = None) -> Votes:
+def votes(own: list[SoftMap], sure: list[SoftMap], whole: list[SoftMap] | None = None) -> VotedMaps:
     """Make votes whose prediction of each view is what they all say."""
     met = [iou(a >= 0.5, b >= 0.5) for a, b in zip(own, sure, strict=True)]
-    return Votes(sure, met, met, 0.25, sure, whole or sure, PLACE)
+    return VotedMaps(sure, met, met, 0.25, sure, whole or sure, PLACE)
 
 
-def judged(own: list[SoftMap], sure: list[SoftMap]) -> tuple[Decision, list[SoftMap]]:
+def decided(own: list[SoftMap], sure: list[SoftMap]) -> tuple[Decision, list[SoftMap]]:
     outlines = predict(CAMERAS, own)
     assert outlines is not None
-    return decide(Known.of(NAMES, photos(), own, outlines), votes(own, sure))
+    return decide(ViewMaps.of(NAMES, photos(), own, outlines), votes(own, sure))
 
 
 def test_votes_make_the_masks_where_maps_leak_each_elsewhere() -> None:
     own = [t.copy() for t in TRUTHS]
     for index, soft in enumerate(own):  # another leak in each
         soft[40:, 10 * index % 80 : 10 * index % 80 + 16] = 1
-    found, maps = judged(own, TRUTHS)
+    found, maps = decided(own, TRUTHS)
     assert found.masks == "votes"
     assert found.confirmed["votes"] > found.confirmed["maps"]
     assert all(np.array_equal(a, b) for a, b in zip(maps, TRUTHS, strict=True))
@@ -57,18 +57,18 @@ def test_votes_make_the_masks_where_maps_leak_each_elsewhere() -> None:
 
 def test_right_maps_survive_votes_that_fill_the_frame() -> None:
     full = [np.ones_like(t) for t in TRUTHS]
-    found, maps = judged(TRUTHS, full)
+    found, maps = decided(TRUTHS, full)
     assert found.masks == "maps"
     assert "less than silhouettes" in found.reason
     scores = [iou(a >= 0.5, b > 0) for a, b in zip(maps, TRUTHS, strict=True)]
     assert min(scores) > 0.97
 
 
-def test_outlines_through_even_ground_are_not_believed() -> None:
+def test_votes_whose_outlines_run_through_even_ground_are_not_used() -> None:
     # they meet the maps as well as silhouettes do, but lie on black cloth
     away = [grown(t, 4) for t in TRUTHS]
     met = Silhouettes(away, [iou(a > 0, b > 0) for a, b in zip(away, TRUTHS, strict=True)], 1.0)
-    found, _ = decide(Known.of(NAMES, photos(), TRUTHS, met), votes(TRUTHS, away))
+    found, _ = decide(ViewMaps.of(NAMES, photos(), TRUTHS, met), votes(TRUTHS, away))
     assert found.masks == "maps"
     assert found.votes == found.silhouettes
     assert found.confirmed["votes"] < found.confirmed["maps"]
@@ -82,8 +82,8 @@ def test_on_plain_ground_votes_must_lie_on_edges_as_much_as_maps(plain: bool) ->
         column, row = camera.project(CENTRE[None])[0][0].astype(int)
         soft[row - 3 : row + 3, column : column + 22] = 1
     low = Silhouettes([soft * 0 for soft in TRUTHS], [0.0] * VIEWS, 1.0)
-    known = Known.of(NAMES, photos(), TRUTHS, low, plain_ground=plain)
-    found, maps = decide(known, votes(TRUTHS, beside))
+    views = ViewMaps.of(NAMES, photos(), TRUTHS, low, plain_ground=plain)
+    found, maps = decide(views, votes(TRUTHS, beside))
     assert found.masks == ("maps" if plain else "votes")
     assert ("on plain ground" in found.reason) is plain
     assert (iou(maps[0] >= 0.5, TRUTHS[0] >= 0.5) > 0.97) is plain
@@ -98,13 +98,13 @@ def test_on_plain_ground_maps_whose_outlines_lie_on_edges_need_no_votes(
     for soft in own if not mended else []:
         soft[60:66, 4:40] = 1
     low = Silhouettes([soft * 0 for soft in TRUTHS], [0.0] * VIEWS, 1.0)
-    found, _ = decide(Known.of(NAMES, photos(), own, low, plain_ground=True), votes(own, TRUTHS))
+    found, _ = decide(ViewMaps.of(NAMES, photos(), own, low, plain_ground=True), votes(own, TRUTHS))
     assert found.masks == masks
     assert ("nothing to mend" in found.reason) is mended
 
 
 @pytest.mark.parametrize("edges", [True, False])
-def test_votes_that_both_witnesses_deny_change_no_map(edges: bool) -> None:
+def test_votes_that_are_surely_worse_by_edges_and_silhouettes_change_no_map(edges: bool) -> None:
     """Votes meet the maps better than silhouettes do, and take a slice of the ball away.
 
     The slice runs through even white, or photos show it as an edge: then the maps are the leak.
@@ -117,7 +117,7 @@ def test_votes_that_both_witnesses_deny_change_no_map(edges: bool) -> None:
     pictures = [(cut[k] * 220) for k in range(VIEWS)] if edges else [t * 220 for t in TRUTHS]
     shown = [np.repeat(p.astype(np.uint8)[..., None], 3, axis=2) for p in pictures]
     met = Silhouettes(TRUTHS, [0.3] * VIEWS, 1.0)
-    found, maps = decide(Known.of(NAMES, shown, TRUTHS, met), votes(TRUTHS, cut))
+    found, maps = decide(ViewMaps.of(NAMES, shown, TRUTHS, met), votes(TRUTHS, cut))
     assert found.masks == ("votes" if edges else "maps")
     assert ("surely prefer the maps" in found.reason) is not edges
     assert np.array_equal(maps[0] >= 0.5, (cut if edges else TRUTHS)[0] >= 0.5)
@@ -144,7 +144,7 @@ def test_where_half_of_the_votes_meet_maps_best_what_is_delivered_must_meet_them
     met = Silhouettes(TRUTHS, [0.9] * VIEWS, 1.0)
     place = replace(PLACE, ground=Plane(np.array([0.0, 0.0, 1.0]), 0.0, 0.5) if cut else None)
     split = replace(votes(TRUTHS, plates), level=level, agreement=[0.95] * VIEWS, place=place)
-    found, maps = decide(Known.of(NAMES, pictures, TRUTHS, met), split)
+    found, maps = decide(ViewMaps.of(NAMES, pictures, TRUTHS, met), split)
     assert found.masks == masks
     assert (iou(maps[0] >= 0.5, TRUTHS[0] >= 0.5) > 0.9) is (masks == "maps")
 
@@ -159,15 +159,15 @@ def test_attached_parts_join_where_they_are_few(pixels: int, kept: bool) -> None
     whole = [grown(soft, pixels) if pixels else soft for soft in mast]
     low = Silhouettes([soft * 0 for soft in TRUTHS], [0.0] * VIEWS, 1.0)
     shown = [np.repeat((m * 220).astype(np.uint8)[..., None], 3, axis=2) for m in mast]
-    found, maps = decide(Known.of(NAMES, shown, TRUTHS, low), votes(TRUTHS, TRUTHS, whole))
+    found, maps = decide(ViewMaps.of(NAMES, shown, TRUTHS, low), votes(TRUTHS, TRUTHS, whole))
     assert found.masks == "votes"
     assert found.attached_kept is kept
     assert np.array_equal(maps[0], whole[0] if kept else TRUTHS[0])
 
 
 @pytest.mark.parametrize("shown", [False, True])
-def test_parts_that_photos_and_maps_both_deny_do_not_join(shown: bool) -> None:
-    """A part beside the ball that no map claims; photos show an edge around it, or even cloth."""
+def test_parts_that_are_surely_worse_by_edges_and_maps_do_not_join(shown: bool) -> None:
+    """A part beside the ball that no map shows; photos have an edge around it, or even cloth."""
     whole = [t.copy() for t in TRUTHS]
     for index, (soft, camera) in enumerate(zip(whole, CAMERAS, strict=True)):
         column, row = camera.project(CENTRE[None])[0][0].astype(int)
@@ -176,8 +176,8 @@ def test_parts_that_photos_and_maps_both_deny_do_not_join(shown: bool) -> None:
     drawn = whole if shown else TRUTHS
     pictures = [np.repeat((m * 220).astype(np.uint8)[..., None], 3, axis=2) for m in drawn]
     low = Silhouettes([soft * 0 for soft in TRUTHS], [0.0] * VIEWS, 1.0)
-    found, maps = decide(Known.of(NAMES, pictures, TRUTHS, low), votes(TRUTHS, TRUTHS, whole))
-    assert found.confirmed["attached"] > found.confirmed["votes"] - UNCONFIRMED
+    found, maps = decide(ViewMaps.of(NAMES, pictures, TRUTHS, low), votes(TRUTHS, TRUTHS, whole))
+    assert found.confirmed["attached"] > found.confirmed["votes"] - MOST_OFF_EDGES
     assert found.attached < MOST_ATTACHED
     assert found.attached_kept is shown
     assert np.array_equal(maps[0], whole[0] if shown else TRUTHS[0])
@@ -196,7 +196,7 @@ def test_many_attached_parts_join_where_they_have_the_objects_colours(alike: boo
         photo[middle > 0] = [40, 90, 160]
         pictures.append(photo)
     low = Silhouettes([soft * 0 for soft in TRUTHS], [0.0] * VIEWS, 1.0)
-    found, maps = decide(Known.of(NAMES, pictures, core, low), votes(core, core, TRUTHS))
+    found, maps = decide(ViewMaps.of(NAMES, pictures, core, low), votes(core, core, TRUTHS))
     assert found.attached > MOST_ATTACHED
     assert found.alike is not None
     assert (found.alike > 0.5) is alike
@@ -205,14 +205,12 @@ def test_many_attached_parts_join_where_they_have_the_objects_colours(alike: boo
 
 
 @pytest.mark.parametrize("met", [True, False])
-def test_one_view_whose_voted_outline_its_photo_denies_keeps_a_map_that_silhouettes_meet(
-    met: bool,
-) -> None:
+def test_one_view_whose_voted_outline_misses_edges_keeps_a_better_map(met: bool) -> None:
     sure = [t.copy() for t in TRUTHS]
     sure[5] = grown(TRUTHS[5], 8)
     outlines = [soft * (index == 5 and met) for index, soft in enumerate(TRUTHS)]
     low = Silhouettes([o.astype(np.float32) for o in outlines], [0.0] * VIEWS, 1.0)
-    found, maps = decide(Known.of(NAMES, photos(), TRUTHS, low), votes(TRUTHS, sure))
+    found, maps = decide(ViewMaps.of(NAMES, photos(), TRUTHS, low), votes(TRUTHS, sure))
     assert found.masks == "votes"
     assert [view.name for view in found.views if view.masks == "maps"] == (["5"] if met else [])
     assert np.array_equal(maps[5], sure[5]) is not met
@@ -228,18 +226,19 @@ def test_a_held_out_view_that_splats_show_worse_than_all_others_keeps_its_map(
     speckled = np.random.default_rng(0).integers(0, 255, (HEIGHT, WIDTH, 3), np.uint8)
     met = Silhouettes(TRUTHS, [0.8] * VIEWS, 1.0)
     use = [index != 5 or trained for index in range(VIEWS)]
-    found, maps = decide(Known.of(NAMES, [speckled] * VIEWS, TRUTHS, met, use), votes(TRUTHS, sure))
+    views = ViewMaps.of(NAMES, [speckled] * VIEWS, TRUTHS, met, use)
+    found, maps = decide(views, votes(TRUTHS, sure))
     assert found.masks == "votes"
     assert [view.name for view in found.views if view.masks == "maps"] == ([] if trained else ["5"])
     assert (iou(maps[5] >= 0.5, TRUTHS[5] >= 0.5) > 0.9) is not trained
 
 
-def test_a_held_out_map_that_silhouettes_contradict_is_no_witness_against_splats() -> None:
+def test_a_held_out_map_that_contradicts_silhouettes_is_replaced_by_votes() -> None:
     own = [t.copy() for t in TRUTHS]
     own[5] = np.roll(TRUTHS[5], WIDTH // 3, axis=1)
     met = Silhouettes(TRUTHS, [0.8] * VIEWS, 1.0)
     use = [index != 5 for index in range(VIEWS)]
-    found, maps = decide(Known.of(NAMES, photos(), own, met, use), votes(TRUTHS, TRUTHS))
+    found, maps = decide(ViewMaps.of(NAMES, photos(), own, met, use), votes(TRUTHS, TRUTHS))
     assert iou(own[5] >= 0.5, TRUTHS[5] >= 0.5) < 0.5
     assert found.views[5].masks == "votes"
     assert np.array_equal(maps[5], TRUTHS[5])
@@ -252,7 +251,7 @@ def test_maps_stay_where_correcting_them_leads_outlines_away_from_edges() -> Non
     own = [*TRUTHS[:-1], TRUTHS[-1] * 0]
     floods = [grown(t, 20) for t in TRUTHS]
     found, maps = decide(
-        Known.of(NAMES, photos(), own, Silhouettes(beside, met, 1.0)), votes(TRUTHS, floods)
+        ViewMaps.of(NAMES, photos(), own, Silhouettes(beside, met, 1.0)), votes(TRUTHS, floods)
     )
     assert found.masks == "maps"
     assert found.own_kept
@@ -261,14 +260,14 @@ def test_maps_stay_where_correcting_them_leads_outlines_away_from_edges() -> Non
 
 
 @pytest.mark.parametrize("plain", [False, True])
-def test_maps_that_are_believed_are_averaged_with_votes_along_their_outlines(plain: bool) -> None:
+def test_maps_that_make_the_masks_are_averaged_with_votes_along_outlines(plain: bool) -> None:
     """Votes miss a pixel all around; on plain ground nothing but they corrects the map."""
     smaller = [1 - grown(1 - t, 1) for t in TRUTHS]
     own = [grown(t, 1) for t in TRUTHS]
-    own[2][4:24, 4:24] = 1  # the other silhouettes and the votes deny it
+    own[2][4:24, 4:24] = 1  # a leak, outside the other silhouettes and the votes
     sure = Silhouettes([t.copy() for t in TRUTHS], [0.95] * VIEWS, 1.0)
-    known = Known.of(NAMES, photos(), own, sure, plain_ground=plain)
-    found, maps = decide(known, replace(votes(own, smaller), agreement=[0.8] * VIEWS))
+    views = ViewMaps.of(NAMES, photos(), own, sure, plain_ground=plain)
+    found, maps = decide(views, replace(votes(own, smaller), agreement=[0.8] * VIEWS))
     assert (found.masks, found.own_kept) == ("maps", False)
     met = float(np.mean([iou(a > 0, b > 0) for a, b in zip(own, smaller, strict=True)]))
     shares = [found.confirmed["maps"], found.confirmed["votes"]]
@@ -279,11 +278,11 @@ def test_maps_that_are_believed_are_averaged_with_votes_along_their_outlines(pla
     assert (maps[2][8:20, 8:20] >= 0.5).all() == plain
 
 
-def test_leaks_are_taken_out_where_the_other_silhouettes_deny_them() -> None:
+def test_leaks_outside_the_other_silhouettes_are_taken_out() -> None:
     own = [t.copy() for t in TRUTHS]
     own[2][4:24, 4:24] = 1
     full = [np.ones_like(t) for t in TRUTHS]
-    found, maps = judged(own, full)
+    found, maps = decided(own, full)
     assert found.masks == "maps"
     assert (maps[2][8:20, 8:20] < 0.5).all()
 
@@ -293,7 +292,7 @@ def test_without_votes_maps_are_corrected_by_silhouettes() -> None:
     own[2][4:24, 4:24] = 1
     outlines = predict(CAMERAS, own)
     assert outlines is not None
-    found, maps = decide(Known.of(NAMES, photos(), own, outlines), None)
+    found, maps = decide(ViewMaps.of(NAMES, photos(), own, outlines), None)
     assert (found.masks, found.votes, found.alike) == ("maps", None, None)
     assert (found.attached, found.attached_kept, found.own_kept) == (0, False, False)
     assert (maps[2][8:20, 8:20] < 0.5).all()

@@ -10,9 +10,9 @@ from mattgs_ops.capture.masks import read_map
 from mattgs_ops.object_masks import cross_view
 from mattgs_ops.object_masks.cross_view import agree
 from mattgs_ops.object_masks.decision import decide
+from mattgs_ops.object_masks.map_scores import ViewMaps
 from mattgs_ops.object_masks.silhouettes import iou, predict
 from mattgs_ops.object_masks.splats.ground_plane import Plane
-from mattgs_ops.object_masks.witnesses import Known
 from tests.mattgs_ops.object_masks.ball import CENTRE, VIEWS
 from tests.mattgs_ops.object_masks.splats.test_votes import BALL, made_of, scene_of_splats
 from tests.mattgs_ops.object_masks.test_cross_view import painted, solved
@@ -27,7 +27,7 @@ from tests.mattgs_ops.object_masks.test_decision import (
 
 
 def test_a_cut_that_leaves_little_of_what_the_maps_show_went_through_the_object() -> None:
-    """Others' votes before the cut meet the maps well, and edges are against no outline."""
+    """Others' votes before the cut meet the maps well, and edges are everywhere."""
     left = []
     for camera in CAMERAS:
         soft = np.zeros_like(TRUTHS[0])
@@ -35,12 +35,12 @@ def test_a_cut_that_leaves_little_of_what_the_maps_show_went_through_the_object(
         soft[row - 4 : row + 4, column - 4 : column + 4] = 1
         left.append(soft)
     place = replace(PLACE, ground=Plane(np.array([0.0, 0.0, 1.0]), 0.0, 0.6))
-    asked = replace(votes(TRUTHS, left), agreement=[1.0] * VIEWS, place=place)
+    cut = replace(votes(TRUTHS, left), agreement=[1.0] * VIEWS, place=place)
     edges = [np.ones_like(soft, dtype=bool) for soft in TRUTHS]
     outlines = predict(CAMERAS, TRUTHS)
     assert outlines is not None
-    known = replace(Known.of(NAMES, photos(), TRUTHS, outlines), edges=edges)
-    found, maps = decide(known, asked)
+    views = replace(ViewMaps.of(NAMES, photos(), TRUTHS, outlines), edges=edges)
+    found, maps = decide(views, cut)
     assert found.masks == "maps"
     assert found.left == pytest.approx(0.07, abs=0.01)
     assert "the ground's cut leaves 0.07" in found.reason

@@ -16,7 +16,7 @@ def photo(camera: Camera) -> np.ndarray:
     return np.where(truth(camera)[..., None] > 0, 200, 40).astype(np.uint8).repeat(3, axis=2)
 
 
-def test_one_networks_maps_are_chosen_where_they_prove_themselves() -> None:
+def test_one_networks_maps_are_chosen_where_they_are_surely_better() -> None:
     cameras = orbit()
     photos = [photo(camera) for camera in cameras]
     right = [truth(camera) for camera in cameras]
@@ -40,7 +40,7 @@ def test_the_mean_stays_where_no_network_is_surely_better() -> None:
     assert found.chosen == 0
 
 
-def test_held_out_views_have_no_say() -> None:
+def test_held_out_views_are_not_compared() -> None:
     cameras = orbit()
     photos = [photo(camera) for camera in cameras]
     right = [truth(camera) for camera in cameras]
@@ -50,13 +50,13 @@ def test_held_out_views_have_no_say() -> None:
     assert choose(better_when_held_out, cameras, photos, trained).chosen == 0
 
 
-@pytest.mark.parametrize("speaking", [0, 1])
-def test_maps_that_share_no_object_are_worth_nothing(speaking: int) -> None:
+@pytest.mark.parametrize("with_object", [0, 1])
+def test_maps_that_share_no_object_are_worth_nothing(with_object: int) -> None:
     cameras = orbit()
     photos = [photo(camera) for camera in cameras]
     right = [truth(camera) for camera in cameras]
-    silent = [*right[:speaking], *(np.zeros_like(soft) for soft in right[speaking:])]
-    found = choose([silent, right], cameras, photos, ALL)
+    empty = [*right[:with_object], *(np.zeros_like(soft) for soft in right[with_object:])]
+    found = choose([empty, right], cameras, photos, ALL)
     assert (found.chosen, found.worths[0]) == (1, 0.0)
 
 

@@ -43,7 +43,7 @@ def test_maps_that_have_nothing_in_common_do_not_agree() -> None:
     assert found is None or found.mean < 0.3
 
 
-def test_a_view_that_found_nothing_says_nothing_and_is_predicted() -> None:
+def test_a_view_that_found_nothing_predicts_nothing_and_is_predicted() -> None:
     cameras = orbit()
     maps = [truth(camera) for camera in cameras]
     maps[4] = np.zeros_like(maps[4])
@@ -54,10 +54,10 @@ def test_a_view_that_found_nothing_says_nothing_and_is_predicted() -> None:
     assert iou(found.predicted[4] >= 0.5, truth(cameras[4]) > 0) > 0.7
 
 
-@pytest.mark.parametrize("speaking", [0, 1])
-def test_fewer_than_two_maps_predict_nothing(speaking: int) -> None:
+@pytest.mark.parametrize("with_object", [0, 1])
+def test_fewer_than_two_maps_predict_nothing(with_object: int) -> None:
     cameras = orbit()
-    maps = [truth(c) * (i < speaking) for i, c in enumerate(cameras)]
+    maps = [truth(c) * (i < with_object) for i, c in enumerate(cameras)]
     assert predict(cameras, [m.astype(np.float32) for m in maps]) is None
 
 

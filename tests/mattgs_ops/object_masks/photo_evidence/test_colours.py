@@ -1,4 +1,4 @@
-"""Colours cut masks anew where photos and maps both speak for it, and nowhere else."""
+"""Colours cut masks anew where photos and maps both support it, and nowhere else."""
 
 import cv2
 import numpy as np
@@ -56,7 +56,7 @@ def test_what_is_paper_by_colour_is_cut_away(threads: int) -> None:
         assert iou(cut >= 0.5, true > 0) > 0.95 > iou(soft >= 0.5, true > 0)
 
 
-def test_maps_that_say_otherwise_are_not_overruled() -> None:
+def test_nothing_is_cut_where_maps_would_be_met_less() -> None:
     truths = [ring(view) for view in range(VIEWS)]
     photos = [photo_of(mask, 3) for mask in truths]
     agreed = [filled(mask) for mask in truths]
@@ -74,7 +74,7 @@ def test_outlines_that_lie_on_edges_need_nothing() -> None:
     assert all(a is b for a, b in zip(maps, truths, strict=True))
 
 
-def test_held_out_views_are_not_asked() -> None:
+def test_held_out_views_are_not_compared() -> None:
     truths = [ring(view) for view in range(VIEWS)]
     photos = [photo_of(mask, 3) for mask in truths]
     agreed = [*truths[:3], *map(filled, truths[3:])]

@@ -1,4 +1,4 @@
-"""Outlines are held against the photo's edges and go to those nearby; thin things survive."""
+"""Outlines are compared with the photo's edges and go to those nearby; thin things survive."""
 
 import cv2
 import numpy as np

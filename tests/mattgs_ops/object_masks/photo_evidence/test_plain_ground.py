@@ -111,7 +111,7 @@ def test_without_an_object_or_a_ground_maps_stay(soft: float) -> None:
 
 
 def test_the_ground_is_fitted_without_what_stands_on_it_unseen() -> None:
-    """A second thing, which the map denies, must not bend the ground: reference is the true one."""
+    """A second thing, which the map misses, must not bend the ground: reference is the true one."""
     ground = sloping()
     photo = photo_of(frame(0), ground, 0)
     photo[5:25, 5:25] = (200, 30, 30)

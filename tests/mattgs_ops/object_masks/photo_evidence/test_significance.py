@@ -1,4 +1,4 @@
-"""A few views say surely what chance would hardly let them say."""
+"""A few views show surely what chance would hardly let them show."""
 
 import numpy as np
 import pytest

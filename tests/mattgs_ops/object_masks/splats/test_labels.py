@@ -1,4 +1,4 @@
-"""What views say of splats, and how labels of splats look to a camera."""
+"""Labels of splats by the views' maps, and how they look to a camera."""
 
 import numpy as np
 
@@ -7,8 +7,8 @@ from tests.mattgs_ops.object_masks.ball import CENTRE, HEIGHT, VIEWS, WIDTH, orb
 from tests.mattgs_ops.object_masks.splats.test_votes import (
     BALL,
     agreed,
-    asked,
     iou,
+    labelled,
     scene_of_splats,
 )
 
@@ -16,7 +16,7 @@ from tests.mattgs_ops.object_masks.splats.test_votes import (
 def test_a_splats_label_is_the_mean_of_what_its_pixels_were_given() -> None:
     cameras = orbit()
     maps = [np.full((HEIGHT, WIDTH), value, np.float32) for value in np.linspace(0.2, 0.8, VIEWS)]
-    labels, weights = asked(scene_of_splats(), cameras, maps)
+    labels, weights = labelled(scene_of_splats(), cameras, maps)
     assert (weights[:BALL].sum(), (weights > 0).mean()) > (0, 0.9)
     assert labels.min() >= 0
     assert labels[weights > 1].min() >= 0.2 - 1e-5

@@ -1,6 +1,6 @@
 """Views vote through splats: what most say of a surface is shown to all of them.
 
-A ball on a desk, made of splats by hand; what a network would say of it is made up, wrongly.
+A ball on a desk, made of splats by hand; a network's maps of it are made up, wrongly.
 """
 
 import cv2
@@ -63,8 +63,8 @@ def made_of(means: np.ndarray, scales: np.ndarray) -> Splats:
     )
 
 
-def said(cameras: list[Camera]) -> list[np.ndarray]:
-    """Make up what a network says: view 2 leaks, view 7 misses half, all take the ground along."""
+def wrong_maps(cameras: list[Camera]) -> list[np.ndarray]:
+    """Make up a network's maps: view 2 leaks, view 7 misses half, all take the ground along."""
     maps = []
     spot = np.array([[0.35 * np.cos(a), 0.35 * np.sin(a), 0.0] for a in np.linspace(0, 6.3, 60)])
     for index, camera in enumerate(cameras):
@@ -84,16 +84,16 @@ def iou(shown: np.ndarray, expected: np.ndarray) -> float:
     return float((found & wanted).sum() / (found | wanted).sum())
 
 
-def asked(
+def labelled(
     splats: Splats, cameras: list[Camera], maps: list[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return labels and weights of splats by all views."""
-    answers = tally(splats, cameras, maps)
-    return answers.labels(), answers.weight.sum(axis=0)
+    tallied = tally(splats, cameras, maps)
+    return tallied.labels(), tallied.weight.sum(axis=0)
 
 
 def agreed(splats: Splats, cameras: list[Camera]) -> tuple[list[np.ndarray], Place]:
-    labels, weights = asked(splats, cameras, said(cameras))
+    labels, weights = labelled(splats, cameras, wrong_maps(cameras))
     place = locate(splats, labels, weights, cameras)
     assert place is not None
     assert place.ground is not None
@@ -101,14 +101,14 @@ def agreed(splats: Splats, cameras: list[Camera]) -> tuple[list[np.ndarray], Pla
     first = [
         stretched(render_labels(splats, [labels], camera, place)[0], QUARTER) for camera in cameras
     ]
-    labels = with_attached_parts(splats, asked(splats, cameras, first)[0], weights, place)
+    labels = with_attached_parts(splats, labelled(splats, cameras, first)[0], weights, place)
     return [render_labels(splats, [labels], camera, place)[0] for camera in cameras], place
 
 
 def test_leaks_losses_and_the_ground_are_mended() -> None:
     cameras = orbit()
     truths = [truth(camera) for camera in cameras]
-    before = [iou(m, t) for m, t in zip(said(cameras), truths, strict=True)]
+    before = [iou(m, t) for m, t in zip(wrong_maps(cameras), truths, strict=True)]
     assert before[2] < 0.6
     assert before[7] < 0.6
     shown, place = agreed(scene_of_splats(), cameras)
@@ -120,19 +120,19 @@ def test_leaks_losses_and_the_ground_are_mended() -> None:
     np.testing.assert_allclose(place.middle, CENTRE, atol=0.25)
 
 
-@pytest.mark.parametrize("known", [True, False])
-def test_the_ground_is_sought_among_triangulated_points_first(known: bool) -> None:
+@pytest.mark.parametrize("triangulated", [True, False])
+def test_the_ground_is_sought_among_triangulated_points_first(triangulated: bool) -> None:
     """The desk's splats are thick, and lie a fifth of the ball's radius too high."""
     cameras, splats = orbit(), scene_of_splats()
     splats.means[BALL:, 2] += 0.2 * RADIUS
     rng = np.random.default_rng(2)
     on_desk = np.concatenate([rng.uniform(-2, 2, (400, 2)), np.zeros((400, 1))], axis=1)
-    points = on_desk if known else rng.normal(0, 1, (400, 3)) + CENTRE
-    labels, weights = asked(splats, cameras, [truth(camera) for camera in cameras])
+    points = on_desk if triangulated else rng.normal(0, 1, (400, 3)) + CENTRE
+    labels, weights = labelled(splats, cameras, [truth(camera) for camera in cameras])
     place = locate(splats, labels, weights, cameras, points)
     assert place is not None
     assert place.ground is not None
-    assert place.ground.offset == pytest.approx(0 if known else 0.2 * RADIUS, abs=0.02)
+    assert place.ground.offset == pytest.approx(0 if triangulated else 0.2 * RADIUS, abs=0.02)
 
 
 def test_a_spot_that_no_view_finds_is_object_because_it_is_part_of_the_ball() -> None:
@@ -142,7 +142,7 @@ def test_a_spot_that_no_view_finds_is_object_because_it_is_part_of_the_ball() ->
     for camera, soft in zip(cameras, maps, strict=True):
         column, row = camera.project(top[None])[0][0].astype(int)
         cv2.circle(soft, (int(column), int(row)), 5, 0.0, -1)
-    labels, weights = asked(splats, cameras, maps)
+    labels, weights = labelled(splats, cameras, maps)
     place = locate(splats, labels, weights, cameras)
     assert place is not None
     spot = np.linalg.norm(splats.means.numpy() - top, axis=1) < 0.1
@@ -157,11 +157,11 @@ def test_maps_that_show_nothing_locate_nothing() -> None:
     cameras = orbit()
     maps = [np.zeros((HEIGHT, WIDTH), np.float32)] * VIEWS
     splats = scene_of_splats()
-    assert locate(splats, *asked(splats, cameras, maps), cameras) is None
+    assert locate(splats, *labelled(splats, cameras, maps), cameras) is None
 
 
 @pytest.mark.parametrize("half", [0.25, 0.5])
-def test_doubt_is_taken_out_of_first_answers(half: float) -> None:
+def test_doubt_is_taken_out_of_the_first_round(half: float) -> None:
     first = np.array([0, half - 0.125, half, half + 0.125, 1], np.float32)
     np.testing.assert_allclose(stretched(first, half), [0, 0, 0.5, 1, 1], atol=1e-6)
 
@@ -183,21 +183,21 @@ def test_what_less_than_half_of_the_maps_invent_goes_where_half_is_needed(
     half_needed: bool,
 ) -> None:
     cameras, (splats, maps) = orbit(), ball_on_a_plate()
-    ballot = collect(splats, cameras, maps)
-    assert ballot is not None
-    votes = masks_of(ballot, cameras, cut_ground=False, half_needed=half_needed)
+    splat_votes = collect(splats, cameras, maps)
+    assert splat_votes is not None
+    votes = masks_of(splat_votes, cameras, cut_ground=False, half_needed=half_needed)
     assert votes.level == 0.5
     after = [iou(m, truth(c)) for m, c in zip(votes.certain, cameras, strict=True)]
     assert (min(after) > 0.75) is half_needed, after
 
 
-def test_views_that_found_nothing_do_not_vote_and_are_shown_the_others_answer() -> None:
+def test_views_that_found_nothing_do_not_vote_and_get_the_others_votes() -> None:
     cameras = orbit()
     maps = [truth(camera) for camera in cameras]
     maps[3] = np.zeros_like(maps[3])
-    ballot = collect(scene_of_splats(), cameras, maps)
-    assert ballot is not None
-    votes = masks_of(ballot, cameras)
+    splat_votes = collect(scene_of_splats(), cameras, maps)
+    assert splat_votes is not None
+    votes = masks_of(splat_votes, cameras)
     assert iou(votes.with_parts[3], truth(cameras[3])) > 0.75
     assert len(votes.agreement) == VIEWS - 1
     assert min(votes.agreement) > 0.7
@@ -209,9 +209,9 @@ def test_a_view_is_predicted_without_its_own_map() -> None:
     cameras = orbit()
     maps = [truth(camera) for camera in cameras]
     maps[2] = np.ones_like(maps[2])
-    ballot = collect(scene_of_splats(), cameras, maps)
-    assert ballot is not None
-    votes = masks_of(ballot, cameras)
+    splat_votes = collect(scene_of_splats(), cameras, maps)
+    assert splat_votes is not None
+    votes = masks_of(splat_votes, cameras)
     assert iou(votes.predicted[2], truth(cameras[2])) > 0.75
     assert votes.agreement[2] < 0.3
 
@@ -219,7 +219,7 @@ def test_a_view_is_predicted_without_its_own_map() -> None:
 def test_a_plate_that_is_object_is_no_ground() -> None:
     cameras, splats = orbit(), scene_of_splats()
     maps = [truth(camera) for camera in cameras]
-    labels, weights = asked(splats, cameras, maps)
+    labels, weights = labelled(splats, cameras, maps)
     plate = np.linalg.norm(splats.means.numpy() - [0, 0, 0], axis=1) < 0.75 * RADIUS
     beyond = np.abs(splats.means.numpy()[:, 2]) < 0.01
     weights = np.where(beyond & ~plate, 0, weights)  # nothing is seen of the desk but the plate
@@ -246,6 +246,6 @@ def test_an_object_keeps_what_it_stands_on_and_gets_no_shadow_beside_it() -> Non
     kept = with_attached_parts(splats, labels, seen, place, labels)
     assert kept[stands].min() == 1
     assert kept[shadow].max() == 0
-    unclaimed = np.where(foot, 0, labels).astype(np.float32)
-    doubted = with_attached_parts(splats, labels, seen, place, unclaimed)
-    assert doubted[foot].max() == 0, "no photo's map says that it is object"
+    footless = np.where(foot, 0, labels).astype(np.float32)
+    without = with_attached_parts(splats, labels, seen, place, footless)
+    assert without[foot].max() == 0, "it is in no photo's map"

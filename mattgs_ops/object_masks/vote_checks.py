@@ -1,9 +1,9 @@
 """Why votes do not make the masks: of the capture, or of a single view.
 
-``objection`` says it for the capture, in words that go into ``scene.json``: votes meet maps and
-edges less than silhouettes and maps do, the ground's cut went through the object, both witnesses
-surely prefer the maps, or the ground is plain and edges leave nothing to mend. ``denied_views``
-says which views' own evidence is against their votes.
+``why_not_votes`` says it for the capture, in words that go into ``scene.json``: votes meet maps and
+edges less than silhouettes and maps do, the ground's cut went through the object, edges and
+silhouettes surely prefer the maps, or the ground is plain and edges leave nothing to mend.
+``views_against_votes`` returns which single views keep their own map.
 """
 
 from collections.abc import Sequence
@@ -11,11 +11,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from mattgs_ops.capture.masks import HALF, SoftMap
+from mattgs_ops.object_masks.map_scores import MOST_OFF_EDGES, MapScores, ViewMaps
 from mattgs_ops.object_masks.photo_evidence.colours import GOOD
 from mattgs_ops.object_masks.photo_evidence.significance import lowest_expected, surely_larger
 from mattgs_ops.object_masks.silhouettes import CONTRADICT, overlaps
-from mattgs_ops.object_masks.splats.votes import Votes
-from mattgs_ops.object_masks.witnesses import UNCONFIRMED, Known, Witnessed
+from mattgs_ops.object_masks.splats.votes import VotedMaps
 
 LEAST = 0.01  # agreement below it counts as this much: ratios stay finite
 # Of what the maps show: a ground's cut that leaves less went through the object, as through a
@@ -24,79 +24,80 @@ LEAST = 0.01  # agreement below it counts as this much: ratios stay finite
 LEAST_LEFT = 0.25
 
 
-def objection(
-    known: Known,
-    votes: Votes,
-    voted: Witnessed,
+def why_not_votes(
+    views: ViewMaps,
+    votes: VotedMaps,
+    voted: MapScores,
     agreement: float,
-    confirmed: dict[str, float],
+    on_edges: dict[str, float],
     left: float,
 ) -> str:
     """Say why votes do not make the capture's masks; empty where they do.
 
     ``voted`` are the masks that the votes would make, ``agreement`` is their IoU with the own maps,
-    ``confirmed`` the share of outlines on edges by whose they are, ``left`` see ``share_left``.
+    ``on_edges`` the share of outlines on edges by whose they are, ``left`` see ``share_left``.
     """
-    by_agreement = _objection_of_agreement(known.silhouettes, agreement, confirmed)
+    by_agreement = _why_not_by_agreement(views.silhouettes, agreement, on_edges)
     if by_agreement:
         return by_agreement
     if votes.place.ground is not None and left < LEAST_LEFT:
         return f"the ground's cut leaves {left:.2f} of what the photos' maps show"
-    if denied_by_both(known, voted):
+    if maps_surely_better(views, voted):
         return "the photos' edges and the other views' silhouettes surely prefer the maps"
-    if known.plain_ground:
-        return _objection_of_edges(voted.confirmed(known.deciding), confirmed["maps"])
+    if views.plain_ground:
+        return _why_not_by_edges(voted.mean_on_edges(views.trained_views), on_edges["maps"])
     return ""
 
 
-def denied_by_both(known: Known, voted: Witnessed) -> bool:
+def maps_surely_better(views: ViewMaps, voted: MapScores) -> bool:
     """Whether own maps surely lie on photos' edges more, and meet silhouettes better, than votes.
 
     Both count at once: on textured ground a leak's outline lies on edges, too, and silhouettes fill
     the gaps that maps fill.
     """
-    views = known.speaking
-    by_votes = overlaps(voted.maps, known.predicted)
-    pairs = ((known.own.on_edges, voted.on_edges), (known.by_outline, by_votes))
-    return all(surely_larger(*([one[k] for k in views] for one in pair)) for pair in pairs)
+    compared = views.with_object
+    by_votes = overlaps(voted.maps, views.predicted)
+    pairs = ((views.own.on_edges, voted.on_edges), (views.by_outline, by_votes))
+    return all(surely_larger(*([one[k] for k in compared] for one in pair)) for pair in pairs)
 
 
-def denied_views(known: Known, certain: Witnessed, voted: Witnessed) -> list[bool]:
-    """Return which views' evidence is against their votes: all, where both witnesses deny them.
+def views_against_votes(views: ViewMaps, certain: MapScores, voted: MapScores) -> list[bool]:
+    """Return which views keep their own map: all, where maps are surely better for the capture.
 
-    The photo does not confirm the voted outline and silhouettes meet the map better than votes do;
-    or the view was held out and splats surely show it worse than those they were trained on.
+    Else those whose voted outline lies on edges much less than the map's, and whose map silhouettes
+    meet better than votes do; and held-out ones that splats surely show worse than trained ones.
     """
-    all_views = denied_by_both(known, voted)
-    strange = _unlike_trained(voted.met, known.by_outline, known.deciding)
-    seen = known.own.on_edges, voted.on_edges, certain.met, known.by_outline, strange
+    all_views = maps_surely_better(views, voted)
+    strange = _unlike_trained(voted.overlap, views.by_outline, views.trained_views)
+    seen = views.own.on_edges, voted.on_edges, certain.overlap, views.by_outline, strange
     return [
-        all_views or alien or (by_edges < own_edges - UNCONFIRMED and by_votes < by_outline)
+        all_views or alien or (by_edges < own_edges - MOST_OFF_EDGES and by_votes < by_outline)
         for own_edges, by_edges, by_votes, by_outline, alien in zip(*seen, strict=True)
     ]
 
 
-def share_left(known: Known, masks: Sequence[SoftMap]) -> float:
+def share_left(views: ViewMaps, masks: Sequence[SoftMap]) -> float:
     """Return the share of the photos' own maps that masks [H, W] of all views leave; 1 of none.
 
     The agreement of others' votes does not see what the ground's cut takes away.
     """
-    shares = [float((masks[k][known.own.maps[k] >= HALF] >= HALF).mean()) for k in known.speaking]
+    maps = views.own.maps
+    shares = [float((masks[k][maps[k] >= HALF] >= HALF).mean()) for k in views.with_object]
     return float(np.mean(shares)) if shares else 1.0
 
 
-def _objection_of_agreement(silhouettes: float, votes: float, confirmed: dict[str, float]) -> str:
+def _why_not_by_agreement(silhouettes: float, votes: float, on_edges: dict[str, float]) -> str:
     """Say why votes are not used; empty where they are."""
-    if votes * confirmed["votes"] >= silhouettes * confirmed["maps"]:
+    if votes * on_edges["votes"] >= silhouettes * on_edges["maps"]:
         return ""
     return (
         f"votes meet the photos' maps to {votes:.2f} and the photos' edges to "
-        f"{confirmed['votes']:.2f}, less than silhouettes, {silhouettes:.2f}, and maps, "
-        f"{confirmed['maps']:.2f}, do"
+        f"{on_edges['votes']:.2f}, less than silhouettes, {silhouettes:.2f}, and maps, "
+        f"{on_edges['maps']:.2f}, do"
     )
 
 
-def _objection_of_edges(votes: float, maps: float) -> str:
+def _why_not_by_edges(votes: float, maps: float) -> str:
     """Say why votes are not used on plain ground; empty where they are.
 
     What is an edge there is the object's, and splats hang in front of the ground as they please:
@@ -110,18 +111,18 @@ def _objection_of_edges(votes: float, maps: float) -> str:
 
 
 def _unlike_trained(
-    by_votes: Sequence[float], by_outline: Sequence[float], deciding: Sequence[int]
+    by_votes: Sequence[float], by_outline: Sequence[float], trained_views: Sequence[int]
 ) -> list[bool]:
     """Return which held-out views the splats surely show worse than those they were trained on.
 
     There votes meet the own map less than silhouettes do, by a factor below the range in which
     one more view like the training views lies (``lowest_expected``). A map that shares less with
-    silhouettes than it differs is no witness.
+    silhouettes than it differs is not counted.
     """
     ratios = np.log(np.maximum(by_votes, LEAST) / np.maximum(by_outline, LEAST))
-    trained = set(deciding)
+    trained = set(trained_views)
     held_out = [index for index in range(len(ratios)) if index not in trained]
-    lowest = min(0.0, lowest_expected([ratios[index] for index in deciding], len(held_out)))
+    lowest = min(0.0, lowest_expected([ratios[index] for index in trained_views], len(held_out)))
     return [
         index not in trained and outline >= CONTRADICT and bool(ratio < lowest)
         for index, (ratio, outline) in enumerate(zip(ratios, by_outline, strict=True))

@@ -1,8 +1,8 @@
-"""A single view's evidence against the votes."""
+"""Single views that keep their own map where the votes make the masks."""
 
 import pytest
 
-from mattgs_ops.object_masks.objections import _unlike_trained
+from mattgs_ops.object_masks.vote_checks import _unlike_trained
 
 TRAINED = [0.90, 0.80, 0.86, 0.84]  # by votes, where silhouettes meet all maps to 0.9
 
@@ -12,7 +12,7 @@ TRAINED = [0.90, 0.80, 0.86, 0.84]  # by votes, where silhouettes meet all maps 
     [
         (0.79, 0.9, False),  # the lowest of all five, and of the same kind
         (0.50, 0.9, True),
-        (0.50, 0.49, False),  # its map contradicts the silhouettes: it is no witness
+        (0.50, 0.49, False),  # its map contradicts the silhouettes: it is not counted
         (0.51, 0.5, False),  # splats that are no worse than silhouettes are not worse
     ],
 )

@@ -1,10 +1,10 @@
-"""Ask the views for their votes in several ways, and keep what photos confirm.
+"""Let the views vote in several ways, and keep the variant that fits the photos best.
 
 Votes can be wrong in ways that photos show: the ground's cut leaves an even plate in shreds; maps
 invent as much as they miss, so that a quarter of them is too little; haze, with which a short
-training fills even ground and shade, hides a part of the object from one view. Each way of asking
-ends in a decision (``decision``), and two are compared view by view, by how well the votes that
-they end in meet the photo's own map and lie on the photo's edges (``surely_larger``).
+training fills even ground and shade, hides a part of the object from one view. Each variant ends
+in a decision (``decision``), and two are compared view by view, by how well the votes that they
+end in overlap the photo's own map and lie on the photo's edges (``surely_larger``).
 """
 
 from collections.abc import Callable, Sequence
@@ -21,20 +21,20 @@ from mattgs_ops.object_masks.decision import (
     decide,
     half_meet_best,
 )
-from mattgs_ops.object_masks.objections import LEAST_LEFT
+from mattgs_ops.object_masks.map_scores import ViewMaps
 from mattgs_ops.object_masks.photo_evidence.significance import surely_larger
 from mattgs_ops.object_masks.splats.ground_plane import Plane
 from mattgs_ops.object_masks.splats.surfaces import without_haze
-from mattgs_ops.object_masks.splats.votes import Ballot, collect, masks_of
-from mattgs_ops.object_masks.witnesses import Known
+from mattgs_ops.object_masks.splats.votes import SplatVotes, collect, masks_of
+from mattgs_ops.object_masks.vote_checks import LEAST_LEFT
 from mattgs_ops.splat.gaussians import Splats
 
-Worth = Callable[[ViewEvidence], float]
+Measure = Callable[[ViewEvidence], float]
 
 
 @dataclass(frozen=True)
-class Judged:
-    """A decision with the maps that follow, one a view, and how the votes were asked for."""
+class Outcome:
+    """A decision with the maps that follow, one a view, and the variant of the vote."""
 
     decision: Decision
     maps: list[SoftMap]
@@ -44,7 +44,7 @@ class Judged:
     haze_votes: bool = False
 
     @property
-    def believed(self) -> bool:
+    def votes_used(self) -> bool:
         """Whether votes make the masks."""
         return self.decision.masks == "votes"
 
@@ -66,26 +66,26 @@ class Judged:
 
         An even plate under the object is as low as the ground, and splats lie at any height in it.
         """
-        confirmed = self.decision.confirmed
+        on_edges = self.decision.confirmed
         kept = "attached" if self.decision.attached_kept else "votes"
-        return self.ground_cut and confirmed[kept] < confirmed["maps"]
+        return self.ground_cut and on_edges[kept] < on_edges["maps"]
 
 
 @dataclass(frozen=True)
-class Poll:
-    """A poll of V views of which this is ``known``; those that are trained on vote and decide.
+class VoteVariants:
+    """The variants of the vote of V ``views``, of which those that are trained on vote and decide.
 
     ``voting`` and ``shown`` are the views' cameras at the sizes of votes and of maps; ``points``
     [P, 3] the triangulated ones.
     """
 
-    known: Known
+    views: ViewMaps
     voting: Sequence[Camera]
     shown: Sequence[Camera]
     points: NDArray[np.float64]
     threads: int
 
-    def best(self, splats: Splats) -> Judged:
+    def best(self, splats: Splats) -> Outcome:
         """Let views vote on the splats without haze, and with it where that is surely better.
 
         Haze may also be what little a short training has put on an even, dark plate.
@@ -95,77 +95,77 @@ class Poll:
         if len(surfaces) == len(splats):
             return clear
         hazy = self._votes_on(splats)
-        return replace(hazy, haze_votes=True) if self._better(hazy, clear, _meets_both) else clear
+        return replace(hazy, haze_votes=True) if self._better(hazy, clear, _worth) else clear
 
-    def _votes_on(self, splats: Splats) -> Judged:
+    def _votes_on(self, splats: Splats) -> Outcome:
         """Let views vote on these splats, by a quarter or a half, with the ground's cut or not."""
-        ballot = collect(
+        splat_votes = collect(
             splats,
             self.voting,
-            self.known.own.maps,
+            self.views.own.maps,
             self.points,
-            trained=self.known.trained,
+            trained=self.views.trained,
             threads=self.threads,
         )
-        found = self._judged(ballot)
+        found = self._outcome(splat_votes)
         if found.maps_invent:
-            strict = self._judged(ballot, half_needed=True)
-            passes = strict.believed and not found.believed
-            found = strict if passes or self._better(strict, found, _meets_both) else found
+            strict = self._outcome(splat_votes, half_needed=True)
+            passes = strict.votes_used and not found.votes_used
+            found = strict if passes or self._better(strict, found, _worth) else found
         if found.cut_in_doubt or found.object_cut:
-            without = self._judged(ballot, cut_ground=False, half_needed=found.half_needed)
-            if without.believed:
-                denied = found.object_cut or self._cut_is_denied(found, without)
-                found = without if denied else found
-            elif not found.believed:  # they only correct maps, by what is the better guess
-                found = max(found, without, key=lambda one: self._mean(one, _meets_both))
+            without = self._outcome(splat_votes, cut_ground=False, half_needed=found.half_needed)
+            if without.votes_used:
+                better = found.object_cut or self._surely_better_uncut(found, without)
+                found = without if better else found
+            elif not found.votes_used:  # they only correct maps, by what is the better guess
+                found = max(found, without, key=lambda one: self._mean(one, _worth))
         return found
 
-    def _judged(
-        self, ballot: Ballot | None, *, cut_ground: bool = True, half_needed: bool = False
-    ) -> Judged:
+    def _outcome(
+        self, splat_votes: SplatVotes | None, *, cut_ground: bool = True, half_needed: bool = False
+    ) -> Outcome:
         votes = ground = None
-        if ballot is not None:
-            ground = ballot.place.ground
+        if splat_votes is not None:
+            ground = splat_votes.place.ground
             votes = masks_of(
-                ballot,
+                splat_votes,
                 self.shown,
                 cut_ground=cut_ground,
                 half_needed=half_needed,
                 threads=self.threads,
             )
-        decision, maps = decide(self.known, votes)
-        return Judged(decision, maps, ground, cut_ground and ground is not None, half_needed)
+        decision, maps = decide(self.views, votes)
+        return Outcome(decision, maps, ground, cut_ground and ground is not None, half_needed)
 
-    def _cut_is_denied(self, cut: Judged, uncut: Judged) -> bool:
-        """Whether votes without the ground's cut are surely better by edges, or by both witnesses.
+    def _surely_better_uncut(self, cut: Outcome, uncut: Outcome) -> bool:
+        """Whether votes without the ground's cut are surely better by edges, or by both measures.
 
         Maps alone do not tell: they take along a sheet that the object stands on.
         """
         if self._better(uncut, cut, _on_edges):
             return True
         no_less = self._mean(uncut, _on_edges) >= self._mean(cut, _on_edges)
-        return no_less and self._better(uncut, cut, _meets)
+        return no_less and self._better(uncut, cut, _overlap)
 
-    def _better(self, first: Judged, second: Judged, worth: Worth) -> bool:
-        """Whether the first votes are surely worth more than the second ones, view by view."""
-        return surely_larger(self._worths(first, worth), self._worths(second, worth))
+    def _better(self, first: Outcome, second: Outcome, measure: Measure) -> bool:
+        """Whether the first votes surely measure more than the second ones, view by view."""
+        return surely_larger(self._measured(first, measure), self._measured(second, measure))
 
-    def _mean(self, judged: Judged, worth: Worth) -> float:
-        return float(np.mean(self._worths(judged, worth)))
+    def _mean(self, outcome: Outcome, measure: Measure) -> float:
+        return float(np.mean(self._measured(outcome, measure)))
 
-    def _worths(self, judged: Judged, worth: Worth) -> list[float]:
-        return [worth(judged.decision.views[index]) for index in self.known.deciding]
+    def _measured(self, outcome: Outcome, measure: Measure) -> list[float]:
+        return [measure(outcome.decision.views[index]) for index in self.views.trained_views]
 
 
 def _on_edges(view: ViewEvidence) -> float:
     return view.confirmed or 0.0
 
 
-def _meets(view: ViewEvidence) -> float:
+def _overlap(view: ViewEvidence) -> float:
     return view.with_parts or 0.0
 
 
-def _meets_both(view: ViewEvidence) -> float:
-    """Return how well votes meet the photo's map and its edges together."""
-    return _meets(view) * _on_edges(view)
+def _worth(view: ViewEvidence) -> float:
+    """Return what votes are worth in a view: overlap with its map times share on its edges."""
+    return _overlap(view) * _on_edges(view)

@@ -1,11 +1,11 @@
-"""Votes are asked for without haze, unless what is faint is a part of the object."""
+"""Views vote without haze, unless what is faint is a part of the object."""
 
 import numpy as np
 import torch
 
-from mattgs_ops.object_masks.poll import Judged, Poll
+from mattgs_ops.object_masks.map_scores import ViewMaps
 from mattgs_ops.object_masks.silhouettes import predict
-from mattgs_ops.object_masks.witnesses import Known
+from mattgs_ops.object_masks.vote_variants import Outcome, VoteVariants
 from mattgs_ops.splat.gaussians import Splats
 from mattgs_ops.splat.rasterize import render
 from mattgs_ops.splat.training.initialise import SH_C0
@@ -31,8 +31,8 @@ def faint(splats: Splats) -> Splats:
     return splats
 
 
-def asked() -> Poll:
-    """Ask ten views of a red ball on a speckled desk, whose maps are right."""
+def variants_of_ten_views() -> VoteVariants:
+    """Let ten views vote on a red ball on a speckled desk; their maps are right."""
     splats, cameras = scene_of_splats(), orbit()
     colours = np.random.default_rng(0).uniform(0.0, 0.9, (len(splats), 3))
     colours[:BALL] = [0.8, 0.1, 0.1]
@@ -44,33 +44,33 @@ def asked() -> Poll:
     assert outlines is not None
     names = [f"{k}.jpg" for k in range(VIEWS)]
     none = np.zeros((0, 3))
-    return Poll(Known.of(names, photos, truths, outlines), cameras, cameras, none, 1)
+    return VoteVariants(ViewMaps.of(names, photos, truths, outlines), cameras, cameras, none, 1)
 
 
-def met(found: Judged) -> float:
+def overlap(found: Outcome) -> float:
     """Return the votes' mean IoU with the maps; a pixel around the ball is a fifth of it."""
     return float(np.mean([view.with_parts or 0.0 for view in found.decision.views]))
 
 
 def test_haze_before_the_object_neither_votes_nor_hides_it() -> None:
-    poll = asked()
+    variants = variants_of_ten_views()
     splats = scene_of_splats()
     veil = faint(chosen(splats, np.arange(len(splats)) >= BALL))
     away = np.random.default_rng(1).normal((0.95, 0.0, 0.1), 0.35, (len(veil), 3))
     veil.means[:] = torch.from_numpy((CENTRE + away).astype(np.float32))
     veil.log_scales[:] = float(np.log(0.2))
-    found = poll.best(joined(splats, veil))
+    found = variants.best(joined(splats, veil))
     assert not found.haze_votes
-    assert met(found) > 0.8  # with haze 0.44
+    assert overlap(found) > 0.8  # with haze 0.44
 
 
-def test_faint_splats_that_are_the_object_are_asked() -> None:
+def test_faint_splats_that_are_the_object_count() -> None:
     """A short training leaves an even, dark part to many faint splats, one behind the other."""
-    poll = asked()
+    variants = variants_of_ten_views()
     splats = scene_of_splats()
     means = splats.means.numpy()
     cap = (np.arange(len(splats)) < BALL) & (means[:, 2] > 0.75)
     layers = [faint(chosen(splats, cap)) for _ in range(12)]
-    found = poll.best(joined(chosen(splats, ~cap), *layers))
+    found = variants.best(joined(chosen(splats, ~cap), *layers))
     assert found.haze_votes
-    assert met(found) > 0.8  # without them 0.77
+    assert overlap(found) > 0.8  # without them 0.77

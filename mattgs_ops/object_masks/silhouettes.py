@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mattgs_ops.capture.camera import Camera
+from mattgs_ops.capture.camera import Camera, in_frame
 from mattgs_ops.capture.masks import HALF, SoftMap
 
 SIDE = 128  # pixels of the longest side at which silhouettes are compared: maps are coarse
@@ -170,9 +170,8 @@ def _pixels(camera: Camera, points: Floats) -> tuple[NDArray[np.int64], NDArray[
     """Return each point's pixel as an index into the flat image [P], and whether it is inside."""
     size = camera.intrinsics
     places, depths = camera.project(points)
-    x, y = places.T.copy()  # columns that lie side by side are compared three times as fast
-    inside = (depths > 0) & (x >= 0) & (x < size.width) & (y >= 0) & (y < size.height)
-    columns, rows = (np.where(inside, one, 0).astype(np.int64) for one in (x, y))
+    inside = in_frame(places, depths, (size.width, size.height))
+    columns, rows = (np.where(inside, one, 0).astype(np.int64) for one in places.T)
     return rows * size.width + columns, inside
 
 

@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 from mattgs_ops.capture.camera import Camera
 from mattgs_ops.capture.masks import SoftMap
 from mattgs_ops.object_masks.splats import ground_plane
-from mattgs_ops.splat.gaussians import Splats
+from mattgs_ops.splat.gaussians import SH_CONSTANT, Splats
 from mattgs_ops.splat.rasterize import backward, render
-from mattgs_ops.splat.training.initialise import SH_C0
 
 FRONT = 2.0  # radii before the object's middle, beyond which a splat is no part of it
 BLACK = (0.0, 0.0, 0.0)
@@ -94,7 +93,7 @@ def render_labels(
         grey[:, channel] = torch.from_numpy(label)
     painted = replace(
         splats,
-        sh_dc=(grey - 0.5) / SH_C0,
+        sh_dc=(grey - 0.5) / SH_CONSTANT,
         opacity_logits=torch.where(behind, splats.opacity_logits, INVISIBLE),
     )
     shown = render(painted, camera, BLACK, sh_degree=0, threads=threads, differentiable=False)

@@ -31,7 +31,6 @@ from mattgs_ops.splat.photos import StoredView
 
 Array = NDArray[np.float64]
 
-SH_C0 = SH_CONSTANT  # its name in 3DGS's release
 START_OPACITY = 0.1  # Kerbl et al. 2023, released code
 NEIGHBOURS = 3
 SMALLEST_SQUARED = 1e-7  # squared distance: coincident points would have no extent at all

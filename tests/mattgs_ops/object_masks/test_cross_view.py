@@ -17,9 +17,8 @@ from mattgs_ops.object_masks.cross_view import agree
 from mattgs_ops.object_masks.photo_evidence import plain_ground
 from mattgs_ops.object_masks.silhouettes import iou
 from mattgs_ops.segment.mask_report import MaskReport, ViewReport
-from mattgs_ops.splat.gaussians import Splats
+from mattgs_ops.splat.gaussians import SH_CONSTANT, Splats
 from mattgs_ops.splat.rasterize import render
-from mattgs_ops.splat.training.initialise import SH_C0
 from tests.mattgs_ops.object_masks.ball import HEIGHT, WIDTH, leaking, orbit
 from tests.mattgs_ops.object_masks.splats.test_votes import BALL, made_of, scene_of_splats
 
@@ -99,7 +98,7 @@ def test_masks_stay_and_the_scene_says_why(
 
 def painted(colours: np.ndarray, splats: Splats) -> list[np.ndarray]:
     """Show splats with colours [N, 3] in [0, 1] to every camera, as floats [H, W, 3]."""
-    splats.sh_dc = torch.from_numpy(((colours - 0.5) / SH_C0).astype(np.float32))
+    splats.sh_dc = torch.from_numpy(((colours - 0.5) / SH_CONSTANT).astype(np.float32))
     black = (0.0, 0.0, 0.0)
     return [render(splats, camera, black, sh_degree=0).image.numpy() for camera in orbit()]
 

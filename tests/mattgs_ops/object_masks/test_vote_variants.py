@@ -6,9 +6,8 @@ import torch
 from mattgs_ops.object_masks.map_scores import ViewMaps
 from mattgs_ops.object_masks.silhouettes import predict
 from mattgs_ops.object_masks.vote_variants import Outcome, VoteVariants
-from mattgs_ops.splat.gaussians import Splats
+from mattgs_ops.splat.gaussians import SH_CONSTANT, Splats
 from mattgs_ops.splat.rasterize import render
-from mattgs_ops.splat.training.initialise import SH_C0
 from tests.mattgs_ops.object_masks.ball import CENTRE, VIEWS, orbit, truth
 from tests.mattgs_ops.object_masks.splats.test_votes import BALL, scene_of_splats
 
@@ -36,7 +35,7 @@ def variants_of_ten_views() -> VoteVariants:
     splats, cameras = scene_of_splats(), orbit()
     colours = np.random.default_rng(0).uniform(0.0, 0.9, (len(splats), 3))
     colours[:BALL] = [0.8, 0.1, 0.1]
-    splats.sh_dc = torch.from_numpy(((colours - 0.5) / SH_C0).astype(np.float32))
+    splats.sh_dc = torch.from_numpy(((colours - 0.5) / SH_CONSTANT).astype(np.float32))
     shown = [render(splats, camera, BLACK, sh_degree=0).image.clamp(0, 1) for camera in cameras]
     photos = [np.rint(one.numpy() * 255).astype(np.uint8) for one in shown]
     truths = [truth(camera) for camera in cameras]

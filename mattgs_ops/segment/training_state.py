@@ -10,6 +10,7 @@ from torch import nn
 from torch.optim.swa_utils import get_ema_multi_avg_fn
 
 from mattgs_ops.errors import InputError
+from mattgs_ops.whole_file import written_whole
 
 
 @torch.no_grad()
@@ -31,9 +32,8 @@ def _tensors(model: nn.Module) -> list[torch.Tensor]:
 
 def save_checkpoint(path: Path, state: Mapping[str, Any]) -> None:
     """Write a checkpoint as a whole or not at all."""
-    partial = path.with_suffix(".partial")
-    torch.save(dict(state), partial)
-    partial.replace(path)
+    with written_whole(path) as partial:
+        torch.save(dict(state), partial)
 
 
 def read_checkpoint(path: Path, identity: str, device: torch.device) -> dict[str, Any] | None:

@@ -84,7 +84,7 @@ def agree(
     )
     names = [view.name for view in views]
     variants = VoteVariants(
-        views=ViewMaps.of(names, photos, own, outlines, trained, plain_ground=plain.used),
+        views=ViewMaps.of(names, photos, own, outlines, cameras, trained, plain_ground=plain.used),
         voting=[camera_at(view, VOTING) for view in views],
         shown=shown,
         points=scene.points().xyz.astype(np.float64),

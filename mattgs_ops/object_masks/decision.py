@@ -15,7 +15,8 @@ ground only where outlines of the maps miss edges, and theirs lie on them at lea
 both edges and silhouettes surely prefer the maps, votes change nothing (``vote_checks``).
 Elsewhere a view's own map is corrected, not replaced: the average of own map, silhouettes and
 votes, weighted by their agreement; of own map and votes along its outline, for which silhouettes
-are too coarse, and on plain ground. Own maps stay where that leads outlines away from edges.
+are too coarse, and on plain ground. Own maps stay where that surely leads outlines away from
+edges, or makes maps surely worth less by both measures: right maps agree with each other.
 
 Each splat's vote counts from the mean vote on that meets the maps best, but masks are made of a
 quarter of the votes: most maps miss more than they invent. Where half of the votes meet maps best,
@@ -73,8 +74,8 @@ class Decision:
     ``confirmed`` is the share of outlines that lies on an edge of the photo, by whose outline it
     is; ``attached`` the area that attached parts add to that of the votes, ``alike`` the share of
     it that has the object's colours, where it was measured; ``left`` the share of the maps that
-    the masks of the votes leave. ``own_kept``: maps stay as they were,
-    as correcting them leads their outlines away from edges.
+    the masks of the votes leave. ``own_kept``: maps stay as they were, as correcting them makes
+    them worse.
     """
 
     masks: Source
@@ -166,7 +167,7 @@ def _corrected(
     mixed = corrected_by_all(
         own, views.predicted, votes, views.silhouettes, along, alone=views.plain_ground
     )
-    if against_votes is None or not _leads_away(views, mixed):
+    if against_votes is None or not _makes_worse(views, mixed):
         return mixed, False
     return unless([not (one >= HALF).any() for one in own], own, mixed), True
 
@@ -204,10 +205,12 @@ def _votes_agreement(votes: VotedMaps, voted: MapScores, with_object: Sequence[i
     return float(np.mean(votes.agreement))
 
 
-def _leads_away(views: ViewMaps, mixed: Sequence[SoftMap]) -> bool:
-    """Whether outlines of corrected maps surely lie on photos' edges less than those of own maps.
+def _makes_worse(views: ViewMaps, mixed: Sequence[SoftMap]) -> bool:
+    """Whether corrected maps surely lie on photos' edges less than own maps, or are worth less.
 
-    Views without an object in their map are not compared.
+    For edges, views without an object in their map are not compared.
     """
     before, after = views.own.on_edges, views.score(mixed).on_edges
-    return surely_larger(*([one[k] for k in views.with_object] for one in (before, after)))
+    if surely_larger(*([one[k] for k in views.with_object] for one in (before, after))):
+        return True
+    return surely_larger(views.own_worths, views.worths(mixed))

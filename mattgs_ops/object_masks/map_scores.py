@@ -2,7 +2,8 @@
 
 ``MapScores`` holds a set of maps, one a view, with both numbers of each; ``ViewMaps`` what views
 have before they vote. ``choose_parts`` decides by the two measures, and by the object's colours,
-whether the parts that are attached to the votes' object join it.
+whether the parts that are attached to the votes' object join it. ``worths`` compares whole sets of
+maps, each by what its maps predict of each other.
 """
 
 from collections.abc import Sequence
@@ -12,11 +13,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from mattgs_ops.capture.camera import Camera
 from mattgs_ops.capture.masks import HALF, SoftMap
+from mattgs_ops.object_masks import silhouettes
 from mattgs_ops.object_masks.photo_evidence.colours import share_alike
 from mattgs_ops.object_masks.photo_evidence.edges import edges_near, share_on_edges
 from mattgs_ops.object_masks.photo_evidence.significance import surely_larger
 from mattgs_ops.object_masks.silhouettes import Silhouettes, overlaps, resized
+from mattgs_ops.object_masks.splats.labels import shrunk
 
 # Outlines are coarse, and fur has no edge: some of each runs beside the photo's edges. A quarter
 # more of it than of the outline that it would replace is not that.
@@ -24,6 +28,30 @@ MOST_OFF_EDGES = 0.25
 MOST_ATTACHED = 0.5  # of the certain area: what adds more is no correction unless colours are alike
 
 Bits = NDArray[np.bool_]
+
+
+def worths(
+    maps: Sequence[SoftMap],
+    cameras: Sequence[Camera],
+    edges: Sequence[Bits],
+    trained: Sequence[bool],
+) -> tuple[list[float], Silhouettes | None]:
+    """Return what the map of each view that is trained on is worth, 0 to 1, and the silhouettes.
+
+    It is the IoU of map and silhouette, what the other views' maps predict of it, times the share
+    of its outline that lies on edges. ``maps`` [H, W] in [0, 1] have the size of ``edges``,
+    ``cameras`` that at which silhouettes are compared. A map without an object is worth nothing;
+    so are all, and silhouettes are None, where the maps share no object.
+    """
+    small = list(map(shrunk, maps, cameras))
+    outlines = silhouettes.predict(cameras, small, trained)
+    used = [k for k, use in enumerate(trained) if use]
+    if outlines is None:
+        return [0.0] * len(used), None
+    with_object = [k for k in used if (small[k] >= HALF).any()]
+    overlap = dict(zip(with_object, outlines.agreement, strict=True))
+    shares = {k: share_on_edges(maps[k] >= HALF, edges[k]) for k in with_object}
+    return [overlap.get(k, 0.0) * shares.get(k, 0.0) for k in used], outlines
 
 
 @dataclass(frozen=True)
@@ -66,9 +94,9 @@ class ViewMaps:
     ``photos`` [H, W, 3] RGB and the ``own`` maps [H, W] in [0, 1] have the size of the votes;
     ``edges`` [H, W] are those of the photos. ``predicted`` [H, W] are the maps by the other views'
     silhouettes, of the same size, ``by_outline`` their IoU with the own maps, ``silhouettes``
-    the mean of that. Views that are not ``trained`` on get masks and do not influence what is
-    decided for the capture. ``plain_ground``: the maps were corrected by a ground that has no
-    edges of its own.
+    the mean of that; ``cameras`` have the size at which silhouettes are compared. Views that are
+    not ``trained`` on get masks and do not influence what is decided for the capture.
+    ``plain_ground``: the ground is smooth and has no edges of its own.
     """
 
     names: Sequence[str]
@@ -78,6 +106,7 @@ class ViewMaps:
     predicted: Sequence[SoftMap]
     by_outline: list[float]
     silhouettes: float
+    cameras: Sequence[Camera]
     trained: Sequence[bool]
     plain_ground: bool
 
@@ -88,6 +117,7 @@ class ViewMaps:
         photos: Sequence[NDArray[np.uint8]],
         own: Sequence[SoftMap],
         outlines: Silhouettes,
+        cameras: Sequence[Camera],
         trained: Sequence[bool] | None = None,
         *,
         plain_ground: bool = False,
@@ -103,6 +133,7 @@ class ViewMaps:
             predicted,
             overlaps(own, predicted),
             outlines.mean,
+            cameras,
             [True] * len(names) if trained is None else trained,
             plain_ground,
         )
@@ -120,6 +151,15 @@ class ViewMaps:
     def score(self, maps: Sequence[SoftMap]) -> MapScores:
         """Measure other maps [H, W] of these views."""
         return MapScores.of(maps, self.own.maps, self.edges)
+
+    def worths(self, maps: Sequence[SoftMap]) -> list[float]:
+        """Return what maps [H, W] of these views are worth, of each that is trained on."""
+        return worths(maps, self.cameras, self.edges, self.trained)[0]
+
+    @cached_property
+    def own_worths(self) -> list[float]:
+        """What the own maps are worth."""
+        return self.worths(self.own.maps)
 
 
 @dataclass(frozen=True)

@@ -15,12 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mattgs_ops.capture.camera import Camera
-from mattgs_ops.capture.masks import HALF, SoftMap
-from mattgs_ops.object_masks import silhouettes
-from mattgs_ops.object_masks.photo_evidence.edges import edges_near, share_on_edges
+from mattgs_ops.capture.masks import SoftMap
+from mattgs_ops.object_masks.map_scores import worths
+from mattgs_ops.object_masks.photo_evidence.edges import edges_near
 from mattgs_ops.object_masks.photo_evidence.significance import surely_larger
 from mattgs_ops.object_masks.silhouettes import Silhouettes
-from mattgs_ops.object_masks.splats.labels import shrunk
 
 
 @dataclass(frozen=True)
@@ -51,29 +50,8 @@ def choose(
     views that are ``trained`` on are compared. A map without an object is worth nothing.
     """
     edges = [edges_near(photo) for photo in photos]
-    small = [list(map(shrunk, maps, cameras)) for maps in offered]
-    outlines = [silhouettes.predict(cameras, maps, trained) for maps in small]
-    worths = [_worths(*one, edges, trained) for one in zip(offered, small, outlines, strict=True)]
-    means = tuple(float(np.mean(one)) for one in worths)
+    scored = [worths(maps, cameras, edges, trained) for maps in offered]
+    means = tuple(float(np.mean(one)) for one, _ in scored)
     best = int(np.argmax(means))
-    chosen = best if surely_larger(worths[best], worths[0]) else 0
-    return OwnMaps(offered[chosen], outlines[chosen], chosen, means)
-
-
-def _worths(
-    maps: Sequence[SoftMap],
-    small: Sequence[SoftMap],
-    outlines: Silhouettes | None,
-    edges: Sequence[NDArray[np.bool_]],
-    trained: Sequence[bool],
-) -> list[float]:
-    """Return what each training view's map is worth by the two measures, 0 to 1.
-
-    ``small`` are the maps at the size of ``outlines``.
-    """
-    used = [k for k, use in enumerate(trained) if use]
-    if outlines is None:
-        return [0.0] * len(used)
-    with_object = [k for k in used if (small[k] >= HALF).any()]
-    overlap = dict(zip(with_object, outlines.agreement, strict=True))
-    return [overlap.get(k, 0.0) * share_on_edges(maps[k] >= HALF, edges[k]) for k in used]
+    chosen = best if surely_larger(scored[best][0], scored[0][0]) else 0
+    return OwnMaps(offered[chosen], scored[chosen][1], chosen, means)

@@ -1,11 +1,26 @@
 """Own maps are averaged with what the other views say, each by the odds that it is right."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from mattgs_ops.capture.masks import SoftMap
 from mattgs_ops.object_masks.corrected_maps import averaged, corrected, unless
-from mattgs_ops.object_masks.silhouettes import resized
+from mattgs_ops.object_masks.decision import decide
+from mattgs_ops.object_masks.silhouettes import Silhouettes, iou, resized
+from tests.mattgs_ops.object_masks.ball import CENTRE, HEIGHT, VIEWS, WIDTH
+from tests.mattgs_ops.object_masks.test_decision import (
+    CAMERAS,
+    TRUTHS,
+    grown,
+    photos,
+    views_of,
+    votes,
+)
+
+ALL = slice(None)
+BARELY = 0.51  # of a map that calls it object, and leaves it to others
 
 
 def _even(value: float) -> SoftMap:
@@ -63,3 +78,49 @@ def test_maps_take_the_size_of_others() -> None:
     (found,) = resized([_even(0.25)], [np.zeros((30, 50), np.float32)])
     assert found.shape == (30, 50)
     np.testing.assert_allclose(found, 0.25)
+
+
+def test_maps_stay_where_correcting_them_leads_outlines_away_from_edges() -> None:
+    """Silhouettes lie beside the ball, by more in some views than in others."""
+    beside = [np.roll(t, 6 + index % 2, axis=1) for index, t in enumerate(TRUTHS)]
+    met = [iou(a > 0, b > 0) for a, b in zip(beside, TRUTHS, strict=True)]
+    own = [*TRUTHS[:-1], TRUTHS[-1] * 0]
+    floods = [grown(t, 20) for t in TRUTHS]
+    found, maps = decide(
+        views_of(photos(), own, Silhouettes(beside, met, 1.0)),
+        votes(TRUTHS, floods),
+    )
+    assert found.masks == "maps"
+    assert found.own_kept
+    assert all(np.array_equal(a, b) for a, b in zip(maps[:-1], own[:-1], strict=True))
+    assert (maps[-1] >= 0.5).any()  # the others lend an empty map theirs
+
+
+@pytest.mark.parametrize("right", [True, False])
+def test_maps_stay_where_correcting_them_makes_maps_that_agree_less(right: bool) -> None:
+    """Votes take away what maps are unsure of: a side of the ball, or a leak, in each view another.
+
+    All is an edge in these photos, which cannot tell.
+    """
+    own, cut = [], []
+    for index, (soft, camera) in enumerate(zip(TRUTHS, CAMERAS, strict=True)):
+        unsure, taken = soft.copy(), soft.copy()
+        column, row = camera.project(CENTRE[None])[0][0].astype(int)
+        if right:
+            left, beyond = slice(None, column - 4), slice(column + 5, None)
+            above, below = slice(None, row - 4), slice(row + 5, None)
+            side = [(ALL, left), (ALL, beyond), (above, ALL), (below, ALL)][index % 4]
+            unsure[side] *= BARELY
+            taken[side] = 0
+        else:
+            unsure[8 + index : 40 + index, slice(16) if index % 2 else slice(-16, None)] = BARELY
+        own.append(unsure)
+        cut.append(taken)
+    speckled = np.random.default_rng(0).integers(0, 256, (HEIGHT, WIDTH, 3), dtype=np.uint8)
+    outlines = Silhouettes([t.copy() for t in TRUTHS], [0.95] * VIEWS, 1.0)
+    views = views_of([speckled] * VIEWS, own, outlines, plain=True)
+    found, maps = decide(views, replace(votes(own, cut), agreement=[0.1] * VIEWS))
+    assert found.masks == "maps"
+    assert found.own_kept is right
+    scores = [iou(a >= 0.5, b >= 0.5) for a, b in zip(maps, TRUTHS, strict=True)]
+    assert min(scores) > 0.97, scores

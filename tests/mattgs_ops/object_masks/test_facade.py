@@ -39,7 +39,7 @@ def test_a_cut_that_leaves_little_of_what_the_maps_show_went_through_the_object(
     edges = [np.ones_like(soft, dtype=bool) for soft in TRUTHS]
     outlines = predict(CAMERAS, TRUTHS)
     assert outlines is not None
-    views = replace(ViewMaps.of(NAMES, photos(), TRUTHS, outlines), edges=edges)
+    views = replace(ViewMaps.of(NAMES, photos(), TRUTHS, outlines, CAMERAS), edges=edges)
     found, maps = decide(views, cut)
     assert found.masks == "maps"
     assert found.left == pytest.approx(0.07, abs=0.01)

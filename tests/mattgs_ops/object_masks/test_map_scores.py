@@ -7,6 +7,7 @@ import pytest
 
 from mattgs_ops.object_masks.map_scores import MOST_ATTACHED, ViewMaps, choose_parts
 from mattgs_ops.object_masks.silhouettes import Silhouettes
+from tests.mattgs_ops.object_masks.ball import orbit
 
 SIDE, VIEWS = 60, 4
 THING, BESIDE = (slice(20, 40), slice(10, 30)), (slice(24, 36), slice(30, 42))
@@ -34,7 +35,7 @@ def views_of(
     names = [f"{index}.jpg" for index in range(len(own))]
     smaller = [one[::2, ::2] for one in own]
     met = Silhouettes(smaller, [1.0] * len(own), 1.0)
-    return ViewMaps.of(names, photos, own, met, trained, plain_ground=plain)
+    return ViewMaps.of(names, photos, own, met, orbit(), trained, plain_ground=plain)
 
 
 def test_an_outline_on_the_photos_edge_scores_and_one_on_even_cloth_does_not() -> None:

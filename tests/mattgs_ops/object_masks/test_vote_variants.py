@@ -43,7 +43,8 @@ def variants_of_ten_views() -> VoteVariants:
     assert outlines is not None
     names = [f"{k}.jpg" for k in range(VIEWS)]
     none = np.zeros((0, 3))
-    return VoteVariants(ViewMaps.of(names, photos, truths, outlines), cameras, cameras, none, 1)
+    views = ViewMaps.of(names, photos, truths, outlines, cameras)
+    return VoteVariants(views, cameras, cameras, none, 1)
 
 
 def overlap(found: Outcome) -> float:

@@ -216,7 +216,7 @@ class BenchmarkConfig(Frozen):
         "ones; 0: all, and at most 7 in trainings of up to 2,000 iterations",
     )
     lpips: Path | None = Field(None, description="LPIPS's weights; none: it is not scored")
-    test_every: int = Field(8, ge=2, description="every 8th view by sorted name is held out")
+    test_every: int = Field(8, ge=2, description="every 8th view by name is held out")
     segment: SegmentConfig = SegmentConfig()
     sfm: SfmConfig = SfmConfig()
     train: TrainConfig = TrainConfig()

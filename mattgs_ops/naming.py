@@ -7,7 +7,8 @@ module that joins such a text to a folder checks it here.
 
 Only the text is looked at: no folder that the project fills from outside holds links.
 
-:func:`slug` is for the other way: it makes file names, keys and anchors of what people wrote.
+:func:`slug` is for the other way: it makes file names, keys and anchors of what people wrote, and
+:func:`numbers_by_value` says in which order names come.
 """
 
 import re
@@ -71,6 +72,16 @@ def below(folder: Path, path: str, field: str) -> Path:
 def slug(text: str, keep: str = FILE_NAME) -> str:
     """Turn each run of what is neither an ASCII letter, a digit nor in ``keep`` into one dash."""
     return re.sub(rf"[^A-Za-z0-9{re.escape(keep)}]+", "-", text)
+
+
+def numbers_by_value(name: str) -> tuple[tuple[str | int, ...], str]:
+    """Return what to sort names by so that ``2.jpg`` comes before ``10.jpg``, as file managers do.
+
+    Frames of a video and numbered photos are in the order in which they were taken then: neighbours
+    overlap, and every so-many-th is evenly spaced.
+    """
+    parts = re.split(r"([0-9]+)", name)
+    return tuple(int(part) if place % 2 else part for place, part in enumerate(parts)), name
 
 
 def capture_name(folder: str) -> str:

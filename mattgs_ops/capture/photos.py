@@ -18,6 +18,7 @@ from PIL import ExifTags, Image, UnidentifiedImageError
 
 from mattgs_ops.capture.formats.split_lists import LIST_FILES
 from mattgs_ops.errors import InputError
+from mattgs_ops.naming import numbers_by_value
 
 FORMATS = ("JPEG", "PNG", "TIFF", "WEBP", "BMP")
 SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".mpo"})
@@ -70,13 +71,14 @@ class Photo:
 def list_photos(folder: Path, masks: Path | None = None) -> tuple[list[Path], list[str]]:
     """Return the files of ``folder`` that should be photos, sorted by name, and the problems.
 
-    Folders within are read too. Hidden files and folders, ``Thumbs.db``, ``desktop.ini``,
-    ``transforms.json``, lists of a split, folders ``masks/`` and ``sparse/``, our own output, and
-    the folder ``masks`` that the user named are passed over. Any other file that is not an image is
-    a problem: photos that are silently left out would change the split.
+    Folders within are read too; numbers in names count by their value. Hidden files and folders,
+    ``Thumbs.db``, ``desktop.ini``, ``transforms.json``, lists of a split, folders ``masks/`` and
+    ``sparse/``, our own output, and the folder ``masks`` that the user named are passed over. Any
+    other file that is not an image is a problem: photos that are silently left out would change the
+    split.
     """
     photos, problems = [], []
-    for path in sorted(_files(folder, masks, set())):
+    for path in sorted(_files(folder, masks, set()), key=lambda p: numbers_by_value(str(p))):
         lower = path.name.lower()
         if lower in IGNORED_FILES:
             continue

@@ -22,6 +22,7 @@ from mattgs_ops.capture.scene import Split
 from mattgs_ops.capture.video import VIDEO_SUFFIXES
 from mattgs_ops.config import CaptureConfig
 from mattgs_ops.errors import InputError
+from mattgs_ops.naming import numbers_by_value
 
 RENDERED_FILE = "object.json"  # how a rendered capture was made (synthetic/render.py)
 BUNDLED_FOLDER = Path(__file__).resolve().parent.parent / "bundled"
@@ -45,7 +46,8 @@ class SourcePhoto:
 class Source:
     """What was found: photos sorted by view name, their poses, masks and split where known.
 
-    ``split`` is empty where the capture does not say which photos are held out. ``points`` is a
+    ``split`` is empty where the capture does not say which photos are held out. Numbers
+    in names are sorted by their value. ``points`` is a
     point cloud's file or a COLMAP model's folder. ``masks`` lie beside the photos, ``own_masks`` is
     the folder that the user named, ``ids`` holds small structures of some views, from a renderer.
     """
@@ -177,7 +179,7 @@ def _of_folder(capture: CaptureConfig, root: Path, *, with_model: bool) -> Sourc
 def _named(paths: Sequence[Path], folder: Path) -> tuple[SourcePhoto, ...]:
     """Name photos by where they lie below ``folder``; raises if two views had one name."""
     photos = [SourcePhoto(path, path.relative_to(folder).as_posix()) for path in paths]
-    photos.sort(key=lambda photo: photo.name)
+    photos.sort(key=lambda photo: numbers_by_value(photo.name))
     problems = [
         f"{a.path} and {b.path}: both would be called {a.name}; rename one"
         for a, b in pairwise(photos)

@@ -15,6 +15,7 @@ from mattgs_ops.naming import (
     checked_row,
     is_below,
     is_name,
+    numbers_by_value,
     row_problems,
     slug,
 )
@@ -111,3 +112,10 @@ def test_a_row_that_leads_elsewhere_is_refused_by_its_field(
 def test_what_is_no_row_is_said_so() -> None:
     with pytest.raises(InputError, match="expected a row, found list"):
         checked_row([], "rows.json")
+
+
+def test_numbers_in_names_are_sorted_by_their_value() -> None:
+    names = ["a/2.jpg", "a/10.jpg", "a/10_2.jpg", "a/10_10.jpg", "b01.jpg", "b1.jpg", "b.jpg"]
+    shuffled = names[3:] + names[:3]
+    assert sorted(shuffled, key=numbers_by_value) == names
+    assert numbers_by_value("01.jpg") != numbers_by_value("1.jpg")

@@ -20,6 +20,7 @@ from mattgs_ops.capture.photos import (
     read_rgb,
 )
 from mattgs_ops.errors import InputError
+from tests.mattgs_ops.capture.conftest import picture, run
 
 ORIENTATION = 0x0112
 
@@ -158,6 +159,24 @@ def test_listing_sorts_by_name_and_passes_over_what_systems_leave(tmp_path: Path
     photos, problems = list_photos(tmp_path)
     assert [path.name for path in photos] == ["C.JPG", "a.png", "b.jpg"]
     assert problems == []
+
+
+def test_listing_sorts_numbers_by_their_value(tmp_path: Path) -> None:
+    for name in ("frame10.jpg", "frame9.jpg", "frame100.jpg", "frame0.jpg"):
+        Image.fromarray(colours()).save(tmp_path / name)
+    photos, _ = list_photos(tmp_path)
+    names = ["frame0.jpg", "frame9.jpg", "frame10.jpg", "frame100.jpg"]
+    assert [path.name for path in photos] == names
+
+
+def test_frames_with_plain_numbers_keep_their_order_and_an_even_split(tmp_path: Path) -> None:
+    folder = tmp_path / "in"
+    folder.mkdir()
+    for number in range(12):
+        Image.fromarray(picture(number)).save(folder / f"{number}.png")
+    capture = run(folder, tmp_path / "out")
+    assert [view.name for view in capture.views] == [f"{number}.png" for number in range(12)]
+    assert [v.name for v in capture.views if v.split == "test"] == ["0.png", "4.png", "8.png"]
 
 
 @pytest.mark.parametrize(

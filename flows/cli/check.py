@@ -12,7 +12,7 @@ from mattgs_ops.capture.scene import PreparedCapture, View
 from mattgs_ops.config import BenchmarkConfig, CaptureConfig
 from mattgs_ops.errors import InputError, StageError
 from mattgs_ops.segment.infer import segment
-from mattgs_ops.segment.inspect_photos import Inspected, inspect
+from mattgs_ops.segment.inspect_photos import AT_SMALL_ANGLES, Inspected, inspect
 from mattgs_ops.segment.mask_report import MaskReport
 from reports.figures.mask_sheets import draw
 from reports.figures.plots import style
@@ -88,6 +88,8 @@ def _lines(
     if good:
         return [*lines, f"about {count} will get a camera"]
     remedy = "take photos closer to each other, with the background in place"
+    if seen.stands_still:
+        remedy = AT_SMALL_ANGLES
     return [*lines, f"✗ {count} hang together: too few for a run; {remedy}"]
 
 

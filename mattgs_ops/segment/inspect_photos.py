@@ -24,6 +24,9 @@ SIDE = 480  # pixels of the longest side at which photos are matched
 FEATURES = 1500  # SIFT key points a photo
 RATIO = 0.8  # Lowe 2004: nearest against second nearest
 FEWEST_INLIERS = 15  # COLMAP's own, of two views' geometry
+# What COLMAP wants to place one more photo. Where only the object turns, what else moves is matched
+# wrongly, and 15 to 20 of such matches lie on some epipolar lines by chance
+FEWEST_OF_OBJECT = 30
 LOOSE = 2.0  # pixels from an epipolar line, at SIDE; what moves less is in the same place
 AROUND = 4  # neighbours by name that a photo is matched with, to either side
 STRIDE = 7  # and every so-many-th photo beyond them: walks go around more than once
@@ -31,12 +34,13 @@ BLURRED = 0.25  # of the median sharpness: the motion of a hand, not another dis
 DARK, BRIGHT = 0.08, 0.92  # mean of a photo, of 1: little is left to match
 UNEVEN = 0.25  # stops, standard deviation over photos: cameras set exposure in thirds of a stop
 AROUND_POINT = 4  # pixels, deviation of the blur through which a matched point's light is read
+AT_SMALL_ANGLES = "take photos at every 10 degrees or less, or walk around it"
 FEW_PHOTOS = 12  # neighbours farther apart than 30 degrees are hardly matched by SIFT
 SEED = 0
 
 STANDS_STILL = (
     "most photos show the same things in the same places: the camera stands still, and poses will "
-    "come from the object alone; take photos at every 10 degrees or less, or walk around it"
+    f"come from the object alone; {AT_SMALL_ANGLES}"
 )
 
 Grey = NDArray[np.uint8]
@@ -51,6 +55,7 @@ class Inspected:
     matched: tuple[int, ...]  # photos that share FEWEST_INLIERS matches with this one
     placed: int  # photos that hang together: about as many will register
     problems: tuple[str, ...]
+    stands_still: bool = False  # the camera, so that only matches on the object count
 
 
 @dataclass(frozen=True)
@@ -67,11 +72,13 @@ class _Matched:
     """Two photos of one scene: how far its points moved between them, and how much lighter it got.
 
     ``moved`` is in pixels, ``stops`` are exposure values by which the second photo is lighter:
-    medians over the matches that lie on epipolar lines.
+    medians over the matches that lie on epipolar lines. ``moving`` counts the matches that moved
+    and lie on epipolar lines of their own: those on the object, where the camera stands still.
     """
 
     moved: float
     stops: float
+    moving: int
 
 
 def inspect(capture: PreparedCapture, *, progress: Progress = no_progress) -> Inspected:
@@ -86,19 +93,22 @@ def inspect(capture: PreparedCapture, *, progress: Progress = no_progress) -> In
         bright.append(float(grey.mean()) / 255)
         features.append(_features(grey, sift))
         progress(index + 1, len(names), view.name)
-    if capture.cameras_are == "given":
+    given = capture.cameras_are == "given"
+    links = {} if given else _matches(features)
+    stands_still = sum(link.moved < LOOSE for link in links.values()) > len(links) / 2
+    if given:
         matched, placed = [len(names) - 1] * len(names), len(names)
-        links: dict[tuple[int, int], _Matched] = {}
     else:
-        links = _matches(features)
-        matched, placed = _together(list(links), len(names))
+        least = FEWEST_OF_OBJECT if stands_still else 0
+        linked = [pair for pair, link in links.items() if link.moving >= least]
+        matched, placed = _together(linked, len(names))
     problems = _problems(names, sharp, bright, matched, placed)
     uneven = float(exposures({pair: link.stops for pair, link in links.items()}, len(names)).std())
     if uneven > UNEVEN:
         problems.append(f"exposure differs between photos: {uneven:.2f} stops (standard deviation)")
-    if sum(link.moved < LOOSE for link in links.values()) > len(links) / 2:
+    if stands_still:
         problems.append(STANDS_STILL)
-    return Inspected(names, tuple(matched), placed, tuple(problems))
+    return Inspected(names, tuple(matched), placed, tuple(problems), stands_still)
 
 
 def pairs(count: int) -> list[tuple[int, int]]:
@@ -169,16 +179,27 @@ def _match(first: _Features, second: _Features) -> _Matched | None:
     if len(good) < FEWEST_INLIERS:
         return None
     here, there = [one.queryIdx for one in good], [one.trainIdx for one in good]
-    cv2.setRNGSeed(SEED)
-    inliers = cv2.findFundamentalMat(
-        first.points[here], second.points[there], cv2.FM_RANSAC, LOOSE, 0.99
-    )[1]
-    if inliers is None or int(inliers.sum()) < FEWEST_INLIERS:
+    points, others = first.points[here], second.points[there]
+    on_lines = _on_lines(points, others)
+    if on_lines.sum() < FEWEST_INLIERS:
         return None
-    on_lines = inliers.ravel() > 0
-    moves = np.linalg.norm(first.points[here] - second.points[there], axis=1)
+    moves = np.linalg.norm(points - others, axis=1)
     lighter = second.light[there] - first.light[here]
-    return _Matched(float(np.median(moves[on_lines])), float(np.median(lighter[on_lines])))
+    moving = moves >= LOOSE
+    return _Matched(
+        float(np.median(moves[on_lines])),
+        float(np.median(lighter[on_lines])),
+        int(_on_lines(points[moving], others[moving]).sum()),
+    )
+
+
+def _on_lines(points: NDArray[np.float32], others: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Return which matches [N] lie on the epipolar lines that most of them agree on."""
+    if len(points) < FEWEST_INLIERS:
+        return np.zeros(len(points), dtype=bool)
+    cv2.setRNGSeed(SEED)
+    inliers = cv2.findFundamentalMat(points, others, cv2.FM_RANSAC, LOOSE, 0.99)[1]
+    return np.zeros(len(points), dtype=bool) if inliers is None else inliers.ravel() > 0
 
 
 def _problems(

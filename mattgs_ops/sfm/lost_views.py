@@ -12,10 +12,16 @@ from typing import Any
 
 from mattgs_ops.capture.scene import PreparedCapture
 from mattgs_ops.sfm.colmap.job import Answer
+from mattgs_ops.sfm.colmap.moving_object import STANDS_STILL
 
 FEW_KEYPOINTS = 60  # COLMAP places an image on 30 inliers; twice as many are the least to hope for
 # Below this share of the views a second attempt is made, and what comes out is still in doubt.
 MOST_VIEWS = 0.95
+# What is to be done where poses come from an object that turns before a camera
+AT_SMALL_ANGLES = (
+    "the camera stands still before an object that turns, and poses come from its own key points "
+    "alone: take photos at every 10 degrees or less, or walk around it"
+)
 MOST_NAMED = 3  # partners in one reason
 MOST_LISTED = 8  # views in one warning
 
@@ -82,7 +88,13 @@ def warnings(capture: PreparedCapture, answer: Answer) -> list[str]:
             f"{len(group)} views form a second group that nothing ties to the first: {names}; take "
             "photos between the two, or run them as a capture of their own"
         )
-    return out
+    return out + advice(answer)
+
+
+def advice(answer: Answer) -> list[str]:
+    """Return what to do about views without a camera, where the way they were taken says it."""
+    still = any(step.startswith(STANDS_STILL) for step in answer.fallbacks)
+    return [AT_SMALL_ANGLES] if still else []
 
 
 def in_doubt(capture: PreparedCapture, answer: Answer) -> bool:

@@ -22,12 +22,13 @@ from mattgs_ops.sfm.colmap.matching import Verified, partners
 from mattgs_ops.sfm.colmap.moving_object import (
     FROM_OBJECT,
     MOST_EXPLAINED,
+    STANDS_STILL,
     explains_more,
     share_denying,
     shares_explained,
 )
 from mattgs_ops.sfm.colmap.steps import UNITS, Attempt
-from mattgs_ops.sfm.lost_views import MOST_VIEWS
+from mattgs_ops.sfm.lost_views import MOST_VIEWS, advice
 
 Pairs = dict[Pair, Verified]
 
@@ -69,7 +70,7 @@ def run(job: Job, progress: Progress) -> Answer:
             best.seconds, best.cpu_seconds = again.seconds, again.cpu_seconds
             best.fallbacks = [*again.fallbacks, "no more views registered that way; not used"]
     if failure is not None:
-        raise failure
+        raise StageError("\n".join([str(failure), *advice(best)]))
     note = f"{len(best.registered)} of {len(job.views)} views, {best.points} points"
     progress(UNITS, UNITS, note)
     return best
@@ -174,7 +175,7 @@ def _reconstruct(state: Attempt, found: Sequence[Features]) -> Any:
     if state.answer.mode == "shared":
         sides = [max(view.width, view.height) for view in job.views]
         if matching.stand_still(pairs, [f.positions for f in found], sides):
-            return _of_object(state, found, "most matches do not move")
+            return _of_object(state, found, STANDS_STILL)
         return _of_whole_or_object(state, found, pairs, cameras)
     return _place(state, found, pairs, cameras)
 

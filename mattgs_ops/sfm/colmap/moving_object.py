@@ -22,6 +22,7 @@ FROM_OBJECT = "poses from inside masks alone"  # how the fallback ends that says
 # Matches of an object's own geometry that are believed: COLMAP's default for placing a view. Parts
 # that repeat, such as legs, match wrongly with 15 to 30 in a third of the hexapod's pairs.
 BELIEVED_MATCHES = 30
+STANDS_STILL = "most matches do not move"  # how the fallback begins of a camera that stands still
 LARGEST_ERROR = 4.0  # pixels from an epipolar line: COLMAP's default of two views' geometry
 # Of the pairs that show the object and whose views are placed: right poses explain 0.95 and 1 on
 # bundled captures, which stand still. Below this share poses from the object alone are tried.

@@ -117,5 +117,20 @@ def test_a_camera_that_stands_still_is_told(tmp_path: Path) -> None:
         turned = wall.copy()
         turned[60:120, 80:160] = photo(view)[60:120, 80:160]
         change(view, turned)
-    assert STANDS_STILL in inspect(source).problems
+    found = inspect(source)
+    assert STANDS_STILL in found.problems
+    assert found.placed >= 4  # by what the patch shows, which moves, and leaves the frame
     assert STANDS_STILL not in inspect(capture(tmp_path)).problems
+
+
+def test_what_stands_still_around_an_object_places_no_photo(tmp_path: Path) -> None:
+    """A plain object turns: the wall around it matches in all photos, and says nothing of it."""
+    source = capture(tmp_path)
+    wall, rng = photo(source.views[0]), np.random.default_rng(0)
+    for view in source.views:
+        turned = wall + rng.integers(0, 3, wall.shape).astype(np.uint8)
+        turned[60:120, 80:160] = 200
+        change(view, turned)
+    found = inspect(source)
+    assert found.stands_still
+    assert found.placed == 1

@@ -14,7 +14,14 @@ from mattgs_ops.config import SfmConfig
 from mattgs_ops.errors import StageError
 from mattgs_ops.sfm.colmap.job import Answer
 from mattgs_ops.sfm.colmap.matching import partners
-from mattgs_ops.sfm.lost_views import in_doubt, lost_views, second_groups, warnings
+from mattgs_ops.sfm.colmap.moving_object import FROM_OBJECT, STANDS_STILL
+from mattgs_ops.sfm.lost_views import (
+    AT_SMALL_ANGLES,
+    in_doubt,
+    lost_views,
+    second_groups,
+    warnings,
+)
 from mattgs_ops.sfm.pipeline import _require_registered
 from tests.mattgs_ops.conftest import HEIGHT, WIDTH, cast, orbit, print_texture
 
@@ -72,6 +79,13 @@ def test_a_second_group_is_told_and_how_to_join_it() -> None:
     assert "e.jpg shows only 41 key points" in first
     assert second.startswith("2 views form a second group that nothing ties to the first: g.jpg")
     assert "take photos between the two" in second
+
+
+def test_lost_views_of_an_object_on_a_turntable_come_with_what_to_do() -> None:
+    turned = answer_of(fallbacks=[f"{STANDS_STILL}: {FROM_OBJECT}"])
+    assert warnings(capture_of(NAMES), turned)[-1] == AT_SMALL_ANGLES
+    assert AT_SMALL_ANGLES not in warnings(capture_of(NAMES), answer_of())
+    assert warnings(capture_of(NAMES), replace(turned, registered=NAMES)) == []
 
 
 def test_nothing_is_said_where_all_views_were_placed() -> None:

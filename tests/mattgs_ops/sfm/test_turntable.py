@@ -5,12 +5,15 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 
 from mattgs_ops import sfm
 from mattgs_ops.capture.masks import read_map
 from mattgs_ops.capture.photos import read_rgb
 from mattgs_ops.capture.scene import PreparedCapture, Scene
 from mattgs_ops.config import SfmConfig
+from mattgs_ops.errors import StageError
+from mattgs_ops.sfm.lost_views import AT_SMALL_ANGLES
 from tests.mattgs_ops.conftest import print_texture
 
 Copy = Callable[..., PreparedCapture]
@@ -64,3 +67,18 @@ def test_a_camera_that_walks_keeps_the_whole_photo(box_scene: Scene) -> None:
     assert box_scene.extra["mode"] == "shared"
     assert not box_scene.extra["fallbacks"]
     assert box_scene.extra["object_motion"]["denying"] < 0.1
+
+
+def test_a_plain_object_on_a_turntable_fails_with_what_to_do(copied: Copy, tmp_path: Path) -> None:
+    capture = copied()
+    room = print_texture(np.random.default_rng(5), 256, 900)
+    for view in capture.views:
+        assert view.mask is not None
+        photo = room[: view.height, : view.width].astype(np.uint8)
+        photo[read_map(view.mask) > 0] = 200
+        cv2.imwrite(str(view.photo), photo)
+    masks = capture.views[0].mask
+    assert masks is not None
+    with pytest.raises(StageError, match="at every 10 degrees or less") as failure:
+        sfm.reconstruct(capture, masks.parent, SfmConfig(), tmp_path / "out")
+    assert str(failure.value).count(AT_SMALL_ANGLES) == 1

@@ -55,12 +55,14 @@ LONGEST_NAME = 251  # bytes; stages add `.png`, and file systems end at 255
 class Photo:
     """A decoded photo: ``rgb`` [H, W, 3] uint8; ``alpha`` [H, W] uint8, straight, or None.
 
-    ``focal`` is the focal length in pixels that its EXIF tells, None where it tells none.
+    ``focal`` is the focal length in pixels that its EXIF tells, None where it tells none; ``lens``
+    is what EXIF says of the camera, empty where it says nothing.
     """
 
     rgb: NDArray[np.uint8]
     alpha: NDArray[np.uint8] | None
     focal: float | None = None
+    lens: str = ""
 
     @property
     def size(self) -> tuple[int, int]:
@@ -131,7 +133,7 @@ def decode(path: Path) -> Photo:
             _refuse_unsuitable(path, image)
             turned = upright(image)
             transparent = turned.has_transparency_data
-            focal = exif_focal(image.getexif(), image.size)
+            focal, lens = exif_focal(image.getexif(), image.size), exif_lens(image.getexif())
             pixels = np.asarray(turned.convert("RGBA" if transparent else "RGB"))
     except UnidentifiedImageError as error:
         raise InputError(
@@ -147,7 +149,7 @@ def decode(path: Path) -> Photo:
         alpha = None
     if alpha is None and _has_no_colour(rgb):
         raise InputError(_grey(path))
-    return Photo(rgb, alpha, focal)
+    return Photo(rgb, alpha, focal, lens)
 
 
 def upright(image: Image.Image) -> Image.Image:
@@ -195,6 +197,14 @@ def exif_focal(exif: Image.Exif, size: tuple[int, int]) -> float | None:
     if abs(max(taken) / min(taken) - max(size) / min(size)) > SAME_SHAPE:
         return None
     return equivalent * math.hypot(*size) / FILM_DIAGONAL
+
+
+def exif_lens(exif: Image.Exif) -> str:
+    """Return what tells a photo's camera from others: its name, and its focal length in mm."""
+    length = exif.get_ifd(ExifTags.IFD.Exif).get(ExifTags.Base.FocalLength)
+    named = (exif.get(ExifTags.Base.Make), exif.get(ExifTags.Base.Model))
+    told = [str(text).strip("\0 ") for text in named if text]
+    return " ".join([*told, *([] if length is None else [f"{length} mm"])])
 
 
 def on_white(photo: Photo) -> NDArray[np.uint8]:

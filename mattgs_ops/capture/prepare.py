@@ -255,6 +255,7 @@ def _write_view(
         camera=camera,
         ids=_write_ids(source, file, size, out),
         focal=None if photo.focal is None else photo.focal * size[0] / photo.size[0],
+        lens=photo.lens,
         coverage=None if coverage is None else out / "coverage" / file,
         cut_out=source.own_masks is None and photo.alpha is not None,
     )

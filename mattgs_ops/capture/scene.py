@@ -43,7 +43,8 @@ POINTS_FILE = "given_points.npz"
 class View:
     """One photo. Paths are absolute; ``camera`` is None when unknown.
 
-    ``focal`` is the focal length in pixels that the photo's EXIF tells, None where it tells none.
+    ``focal`` is the focal length in pixels that the photo's EXIF tells, None where it tells none;
+    ``lens`` is what it says of the camera, empty where it says nothing.
     ``coverage`` is the exact mask, None where none came with the capture. ``cut_out``: the photo
     shows the object on white already, as one with an alpha channel does.
     """
@@ -57,6 +58,7 @@ class View:
     camera: Camera | None
     ids: Path | None = None
     focal: float | None = None
+    lens: str = ""
     coverage: Path | None = None
     cut_out: bool = False
 
@@ -246,6 +248,7 @@ def _view_to_json(view: View, folder: Path) -> dict[str, Any]:
         "mask": None if view.mask is None else str(view.mask.relative_to(folder)),
         "ids": None if view.ids is None else str(view.ids.relative_to(folder)),
         "focal": view.focal,
+        "lens": view.lens,
         "coverage": None if view.coverage is None else str(view.coverage.relative_to(folder)),
         "cut_out": view.cut_out,
         "camera": None
@@ -276,6 +279,7 @@ def _view_from_json(row: dict[str, Any], folder: Path, source: Path) -> View:
         mask=None if row["mask"] is None else place("mask"),
         ids=place("ids") if row.get("ids") else None,
         focal=row.get("focal"),
+        lens=str(row.get("lens", "")),
         coverage=place("coverage") if row.get("coverage") else None,
         cut_out=bool(row.get("cut_out", False)),
         camera=None

@@ -163,7 +163,8 @@ def _job(
         size = (view.width, view.height)
         photo = str(view.photo.resolve())
         held_out = view.split == "test"
-        rows.append(JobView(view.name, photo, mask, *size, intrinsics, pose, view.focal, held_out))
+        told = (view.focal, view.lens)  # by EXIF
+        rows.append(JobView(view.name, photo, mask, *size, intrinsics, pose, *told, held_out))
     return Job(str(workspace.resolve()), tuple(rows), config.model_dump(mode="json"), threads)
 
 

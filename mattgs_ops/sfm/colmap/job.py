@@ -21,6 +21,7 @@ class JobView:
     """One photo with its mask; ``pose`` is (R row by row, t), world-to-camera, where known.
 
     ``focal`` is the focal length in pixels that the photo's EXIF tells: where estimation starts.
+    ``lens`` is what EXIF says of the camera.
     A ``held_out`` photo gets a pose with all others, and shapes no point.
     """
 
@@ -32,6 +33,7 @@ class JobView:
     intrinsics: tuple[float, float, float, float] | None  # fx, fy, cx, cy of a known pinhole
     pose: tuple[float, ...] | None  # 12 numbers
     focal: float | None = None
+    lens: str = ""
     held_out: bool = False
 
 

@@ -34,15 +34,16 @@ CONVERGED = 1e-6  # relative change of the cost: Ceres' own default, COLMAP's is
 def build_cameras(views: Sequence[JobView], config: SfmConfig) -> list[Any]:
     """Return each view's pycolmap camera.
 
-    Views share one when they have one given pinhole, or else one size, orientation and focal length
-    in EXIF: so photos of both orientations, and of a lens that zooms, get cameras of their own.
+    Views share one when they have one given pinhole, or else one size, orientation, camera and
+    focal length in EXIF: so photos of both orientations, of a lens that zooms, and of different
+    people get cameras of their own.
     """
     import pycolmap
 
     shared: dict[tuple[Any, ...], Any] = {}
     out = []
     for view in views:
-        key = (view.width, view.height, view.intrinsics, view.focal)
+        key = (view.width, view.height, view.intrinsics, view.focal, view.lens)
         if key not in shared:
             number = len(shared) + 1
             if view.intrinsics is None:

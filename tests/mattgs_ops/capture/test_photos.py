@@ -13,6 +13,7 @@ from mattgs_ops.capture.photos import (
     Photo,
     decode,
     exif_focal,
+    exif_lens,
     exif_orientation,
     list_photos,
     mark_output,
@@ -242,6 +243,15 @@ def test_the_focal_length_comes_from_the_35_mm_equivalent() -> None:
     assert exif_focal(exif, (300, 300)) is None  # cut since: nobody knows from how much
     details[0xA405] = 0  # unknown, says EXIF
     assert exif_focal(exif, (400, 300)) is None
+
+
+def test_a_camera_goes_by_its_name_and_focal_length() -> None:
+    exif = Image.Exif()
+    assert exif_lens(exif) == ""
+    exif[0x010F], exif[0x0110] = "Maker", "Camera 1\0\0"
+    assert exif_lens(exif) == "Maker Camera 1"
+    exif.get_ifd(0x8769)[0x920A] = 55.0
+    assert exif_lens(exif) == "Maker Camera 1 55.0 mm"
 
 
 def test_a_photo_without_suffix_is_found_by_its_content(tmp_path: Path) -> None:

@@ -186,12 +186,12 @@ def test_photos_in_folders_keep_the_folder_in_their_name(tmp_path: Path, form: s
 def test_a_focal_length_in_exif_is_scaled_with_the_photo(tmp_path: Path) -> None:
     folder = write_photos(tmp_path / "in")
     exif = Image.Exif()
-    exif[0x8769] = {0xA405: 43}  # mm, 35 mm equivalent: about the film's diagonal
+    exif[0x8769], exif[0x0110] = {0xA405: 43}, "Camera 1"  # mm: about the film's diagonal
     Image.fromarray(picture(2)).save(folder / NAMES[2], exif=exif)
     views = run(folder, tmp_path / "out", max_size=24).views
-    assert views[1].focal is None
+    assert (views[1].focal, views[1].lens, views[2].lens) == (None, "", "Camera 1")
     assert views[2].focal == pytest.approx(43 / 43.267 * 30, rel=1e-3)  # diagonal of 24 x 18
-    assert PreparedCapture.load(tmp_path / "out").views[2].focal == views[2].focal
+    assert PreparedCapture.load(tmp_path / "out").views == views
 
 
 def test_a_split_in_lists_beside_the_photos_is_kept(tmp_path: Path) -> None:

@@ -1,0 +1,26 @@
+"""Which views share a camera."""
+
+from mattgs_ops.config import SfmConfig
+from mattgs_ops.sfm.colmap.job import JobView
+from mattgs_ops.sfm.colmap.mapping import FOCAL_GUESS, build_cameras
+
+
+def view(focal: float | None, lens: str, width: int = 40, height: int = 30) -> JobView:
+    return JobView("a.jpg", "a.png", "a.png", width, height, None, None, focal, lens)
+
+
+def test_photos_of_one_size_share_a_camera_where_exif_names_one_lens() -> None:
+    views = [
+        view(None, ""),
+        view(None, ""),
+        view(None, "", 30, 40),
+        view(None, "Camera 1 55.0 mm"),
+        view(None, "Camera 1 18.0 mm"),
+        view(None, "Camera 1 55.0 mm"),
+        view(50.0, "Camera 2"),
+        view(50.0, "Camera 3"),
+    ]
+    cameras = build_cameras(views, SfmConfig())
+    assert [camera.camera_id for camera in cameras] == [1, 1, 2, 3, 4, 3, 5, 6]
+    assert cameras[0].focal_length == FOCAL_GUESS * 40
+    assert cameras[6].focal_length == 50

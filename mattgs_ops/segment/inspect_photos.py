@@ -16,7 +16,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from mattgs_ops.capture.photos import read_rgb
-from mattgs_ops.capture.scene import PreparedCapture
+from mattgs_ops.capture.scene import PreparedCapture, View
 from mattgs_ops.capture.video import sharpness
 from mattgs_ops.progress import Progress, no_progress
 
@@ -90,7 +90,7 @@ def inspect(capture: PreparedCapture, *, progress: Progress = no_progress) -> In
         photo = read_rgb(view.photo)
         grey = _shrunk(cv2.cvtColor(photo, cv2.COLOR_RGB2GRAY))
         sharp.append(sharpness(np.ascontiguousarray(photo[..., ::-1])))
-        bright.append(float(grey.mean()) / 255)
+        bright.append(_brightness(grey, view))
         features.append(_features(grey, sift))
         progress(index + 1, len(names), view.name)
     given = capture.cameras_are == "given"
@@ -143,6 +143,16 @@ def _features(grey: Grey, sift: cv2.SIFT) -> _Features | None:
     darkest = linear_light(np.ones(1, np.uint8))[0]
     around = np.log2(np.maximum(light[row, column], darkest)).astype(np.float64)
     return _Features(places, np.asarray(descriptors, dtype=np.float32), around)
+
+
+def _brightness(grey: Grey, view: View) -> float:
+    """Return the mean of a photo, 0 to 1: of the object's pixels where it was cut out on white."""
+    if view.cut_out and view.mask is not None:
+        mask = cv2.imread(str(view.mask), cv2.IMREAD_GRAYSCALE)
+        if mask is not None and mask.any():
+            inside = cv2.resize(mask, grey.shape[::-1], interpolation=cv2.INTER_AREA)
+            return float(cv2.mean(grey, inside)[0]) / 255
+    return float(grey.mean()) / 255
 
 
 def linear_light(grey: Grey) -> NDArray[np.float32]:

@@ -1,5 +1,6 @@
 """What a quick look at photos finds: blur, exposure, photos that hang together."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -58,6 +59,21 @@ def test_what_is_wrong_is_told_by_name(tmp_path: Path) -> None:
     assert "not matched with any other photo" in told
     assert "4.jpg" in told.split("not matched")[1]
     assert "of 6 photos hang together" in told
+
+
+def test_what_was_cut_out_on_white_is_not_too_bright(tmp_path: Path) -> None:
+    source = capture(tmp_path)
+    mask = np.zeros((HEIGHT, WIDTH), np.uint8)
+    mask[80:110, 100:140] = 255
+    cv2.imwrite(str(tmp_path / "mask.png"), mask)
+    for view in source.views:
+        change(view, np.where(mask[..., None] > 0, photo(view), 255).astype(np.uint8))
+    cut = replace(
+        source,
+        views=tuple(replace(v, mask=tmp_path / "mask.png", cut_out=True) for v in source.views),
+    )
+    assert any("too bright" in one for one in inspect(source).problems)  # a white sheet, perhaps
+    assert not any("too bright" in one for one in inspect(cut).problems)
 
 
 def stops_darker(pixels: np.ndarray, stops: float) -> np.ndarray:

@@ -163,9 +163,35 @@ def linear_light(grey: Grey) -> NDArray[np.float32]:
 
 
 def _matches(features: Sequence[_Features | None]) -> dict[tuple[int, int], _Matched]:
-    """Return the pairs of photos that match, by their indices."""
+    """Return the pairs of photos that match, by their indices.
+
+    Names say little of what photos show. So those that are left outside the largest group are
+    compared with all in it, nearest by name first, until one matches; no more pairs than before.
+    """
+    count = len(features)
+    compared = set(pairs(count))
+    found = _matching(features, sorted(compared))
+    left = len(compared)
+    for photo in range(count):
+        inside = _largest_group(list(found), count)
+        if photo in inside:
+            continue
+        further = {(min(photo, n), max(photo, n)) for n in inside} - compared
+        for pair in sorted(further, key=lambda pair: (pair[1] - pair[0], pair))[:left]:
+            left -= 1
+            joined = _matching(features, [pair])
+            found |= joined
+            if joined:
+                break
+    return found
+
+
+def _matching(
+    features: Sequence[_Features | None], compared: Sequence[tuple[int, int]]
+) -> dict[tuple[int, int], _Matched]:
+    """Return those of the pairs that match."""
     found = {}
-    for first, second in pairs(len(features)):
+    for first, second in compared:
         one, other = features[first], features[second]
         match = None if one is None or other is None else _match(one, other)
         if match is not None:
@@ -173,13 +199,23 @@ def _matches(features: Sequence[_Features | None]) -> dict[tuple[int, int], _Mat
     return found
 
 
+def _groups(linked: Sequence[tuple[int, int]], count: int) -> NDArray[np.int32]:
+    """Return for each photo the number of the group that hangs together by pairs."""
+    first, second = np.array(linked, dtype=np.int64).reshape(-1, 2).T
+    graph = coo_array((np.ones(len(first), np.int8), (first, second)), shape=(count, count))
+    return np.asarray(connected_components(graph, directed=False)[1])
+
+
+def _largest_group(linked: Sequence[tuple[int, int]], count: int) -> list[int]:
+    """Return the photos of the largest group."""
+    groups = _groups(linked, count)
+    return np.flatnonzero(groups == np.bincount(groups).argmax()).tolist()
+
+
 def _together(linked: Sequence[tuple[int, int]], count: int) -> tuple[list[int], int]:
     """Return with how many others each photo matches, and the size of the largest group."""
     matched = np.bincount(np.array(linked, dtype=np.int64).ravel(), minlength=count)
-    first, second = np.array(linked, dtype=np.int64).reshape(-1, 2).T
-    graph = coo_array((np.ones(len(first), np.int8), (first, second)), shape=(count, count))
-    groups = connected_components(graph, directed=False)[1]
-    return [int(one) for one in matched], int(np.bincount(groups).max())
+    return [int(one) for one in matched], len(_largest_group(linked, count))
 
 
 def _match(first: _Features, second: _Features) -> _Matched | None:

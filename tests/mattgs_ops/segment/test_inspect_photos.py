@@ -47,6 +47,24 @@ def test_good_photos_hang_together(tmp_path: Path) -> None:
     assert found.problems == ("6 photos are few: from 12 on they overlap, 30 are better",)
 
 
+def test_photos_whose_names_say_nothing_of_their_order_find_each_other(tmp_path: Path) -> None:
+    """Two walks in turns: each photo overlaps with one, which is not among those next by name."""
+    count, rng = 21, np.random.default_rng(3)
+    source = capture(tmp_path, count)
+    far = next(n for n in range(count) if n and (0, n) not in pairs(count))
+    for index, view in enumerate(source.views):
+        if index not in (0, far):
+            change(view, photo(source.views[index % 3 + 1]))
+    other = cv2.resize(rng.integers(0, 256, (60, 80, 3)).astype(np.uint8), (WIDTH, HEIGHT))
+    change(source.views[0], other)
+    both = photo(source.views[far])
+    both[:, : WIDTH // 2] = other[:, : WIDTH // 2]
+    change(source.views[far], both)
+    found = inspect(source)
+    assert found.placed == count
+    assert found.matched[0] == 1
+
+
 def test_what_is_wrong_is_told_by_name(tmp_path: Path) -> None:
     source = capture(tmp_path)
     rng = np.random.default_rng(1)

@@ -51,7 +51,8 @@ def run(job: Job, progress: Progress) -> Answer:
     except StageError as error:
         failure = error
     best = first.answer
-    for further in () if job.poses_known else further_attempts(config, len(job.views)):
+    attempts = () if job.poses_known else further_attempts(config, len(job.views))
+    for number, further in enumerate(attempts, 2):
         if len(best.registered) >= MOST_VIEWS * len(job.views):
             break
         reason = f"{len(best.registered)} of {len(job.views)} views registered"
@@ -59,7 +60,7 @@ def run(job: Job, progress: Progress) -> Answer:
         again.seconds, again.cpu_seconds = dict(best.seconds), dict(best.cpu_seconds)
         again.fallbacks = [*best.fallbacks, f"{reason}: {further.what}"]
         try:
-            next_ = Attempt(job, further.config, again, progress, thorough=further.thorough)
+            next_ = Attempt(job, further.config, again, progress, 0.0, further.thorough, number)
             attempt(next_, better_than=best)
             again, failure = next_.answer, None
         except StageError as error:

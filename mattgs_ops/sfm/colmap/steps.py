@@ -25,6 +25,7 @@ class Attempt:
     progress: Progress
     start: float = 0.0
     thorough: bool = False  # key points by COLMAP's slower SIFT
+    number: int = 1  # each begins at 0 again
 
     @property
     def folder(self) -> Path:
@@ -47,4 +48,5 @@ class Attempt:
     def report(self, name: str, done: int, total: int, note: str) -> None:
         """Report ``done`` of ``total`` units of a step."""
         units = round(UNITS * (self.start + SHARES[name] * done / max(total, 1)))
-        self.progress(units, UNITS, f"{name}: {note}")
+        again = f"attempt {self.number}, " if self.number > 1 else ""
+        self.progress(units, UNITS, f"{again}{name}: {note}")

@@ -79,6 +79,15 @@ def test_a_plain_object_on_a_turntable_fails_with_what_to_do(copied: Copy, tmp_p
         cv2.imwrite(str(view.photo), photo)
     masks = capture.views[0].mask
     assert masks is not None
+    notes: list[str] = []
     with pytest.raises(StageError, match="at every 10 degrees or less") as failure:
-        sfm.reconstruct(capture, masks.parent, SfmConfig(), tmp_path / "out")
+        sfm.reconstruct(
+            capture,
+            masks.parent,
+            SfmConfig(),
+            tmp_path / "out",
+            progress=lambda _, __, note: notes.append(note),
+        )
     assert str(failure.value).count(AT_SMALL_ANGLES) == 1
+    begun = [next(n for n in notes if n.startswith(start)) for start in ("extract", "attempt 2, ")]
+    assert notes.index(begun[0]) < notes.index(begun[1])  # the bar begins anew, and says why

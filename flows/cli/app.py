@@ -147,6 +147,9 @@ def check(
     photos: Annotated[
         Path | None, typer.Argument(help="A folder of photos of one object, from all sides.")
     ] = None,
+    named: Annotated[
+        Path | None, typer.Option("--photos", help="The same, as `mattgs run` takes it.")
+    ] = None,
     capture: Annotated[
         Path | None,
         typer.Option(
@@ -170,6 +173,9 @@ def check(
     from flows.cli.check import check as look
     from mattgs_ops.capture.photos import mark_output
 
+    if photos is not None and named is not None:
+        raise InputError(f"check: expected one folder of photos, found {photos} and {named}")
+    photos = photos or named
     given = {"photos": photos, "capture": capture, "masks": masks}
     merged = options.benchmark_config(config, given)
     if photos is None and capture is None and config is None:

@@ -12,12 +12,14 @@ from mattgs_ops.capture.scene import PreparedCapture, View
 from mattgs_ops.config import BenchmarkConfig, CaptureConfig
 from mattgs_ops.errors import InputError, StageError
 from mattgs_ops.segment.infer import segment
-from mattgs_ops.segment.inspect_photos import AT_SMALL_ANGLES, Inspected, inspect
+from mattgs_ops.segment.inspect_photos import AT_SMALL_ANGLES, Inspected, inspect, listed_names
 from mattgs_ops.segment.mask_report import MaskReport
+from mattgs_ops.sfm.lost_views import MOST_VIEWS
 from reports.figures.mask_sheets import draw
 from reports.figures.plots import style
 
 FEWEST_PLACED = 0.5  # of the photos, as `sfm.min_registered`
+FURTHER_ATTEMPTS = "and longer where the photos without a camera are sought anew"
 # Seconds of a run at its default settings on two cores of 2026, by what they grow with. The first
 # is of `benchmarks/sfm/beside_colmap.py` with two threads, the others of `make run` (216 photos of
 # 0.48 megapixels, 18 trainings), those of trainings summed over workers.
@@ -35,14 +37,15 @@ def check(config: BenchmarkConfig, out: Path) -> bool:
     that cannot be used, naming all of them, once all captures were looked at.
     """
     console = Console(soft_wrap=True)
-    problems, estimates = [], []
+    problems, estimates, longer = [], [], False
     for capture in config.captures:
         try:
-            lines, estimate = _look(capture, config, out / capture.name)
+            lines, estimate, all_placed = _look(capture, config, out / capture.name)
         except InputError as error:
             problems.append(str(error))
             continue
         estimates.append(estimate)
+        longer = longer or not all_placed
         if len(config.captures) > 1:
             lines = [f"{capture.name}:", *(f"  {line}" for line in lines)]
         for line in lines:
@@ -52,14 +55,18 @@ def check(config: BenchmarkConfig, out: Path) -> bool:
     usable = [estimate for estimate in estimates if estimate is not None]
     if len(usable) < len(estimates):
         return False
-    console.print(f"a full run takes about {duration(sum(usable))} on two cores", highlight=False)
+    told = f"a full run takes about {duration(sum(usable))} on two cores"
+    console.print(told + (f", {FURTHER_ATTEMPTS}" if longer else ""), highlight=False)
     return True
 
 
 def _look(
     capture: CaptureConfig, config: BenchmarkConfig, out: Path
-) -> tuple[list[str], float | None]:
-    """Return what is to be said of a capture, and a run's seconds; None: nothing to work with."""
+) -> tuple[list[str], float | None, bool]:
+    """Return what is to be said of a capture, a run's seconds, and whether most photos are placed.
+
+    None instead of seconds: there is nothing to work with.
+    """
     with bar(f"check {capture.name}") as progress:
         prepared = prepare(
             capture, out / "prepared", test_every=config.test_every, progress=progress
@@ -72,7 +79,8 @@ def _look(
     good = seen.placed >= FEWEST_PLACED * len(seen.names)
     sheet = _sheet(prepared, report, out)
     lines = [*_lines(prepared, seen, report, good=good), f"masks: {sheet}"]
-    return lines, seconds(prepared, config) if good else None
+    all_placed = seen.placed >= MOST_VIEWS * len(seen.names)
+    return lines, seconds(prepared, config) if good else None, all_placed
 
 
 def _lines(
@@ -83,7 +91,7 @@ def _lines(
     lines += [f"! {problem}" for problem in seen.problems]
     flags = [f"{view.name} ({', '.join(view.flags)})" for view in report.flagged]
     if flags:
-        lines.append(f"! masks that look wrong: {', '.join(flags)}")
+        lines.append(f"! masks that look wrong: {listed_names(flags)}")
     count = f"{seen.placed} of {len(seen.names)} photos"
     if good:
         return [*lines, f"about {count} will get a camera"]

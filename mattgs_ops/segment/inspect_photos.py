@@ -8,6 +8,7 @@ other things. All is done at :data:`SIDE` pixels: a share of a second a photo.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -16,7 +17,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from mattgs_ops.capture.photos import read_rgb
-from mattgs_ops.capture.scene import PreparedCapture, View
+from mattgs_ops.capture.scene import PreparedCapture
 from mattgs_ops.capture.video import sharpness
 from mattgs_ops.progress import Progress, no_progress
 
@@ -32,10 +33,14 @@ AROUND = 4  # neighbours by name that a photo is matched with, to either side
 STRIDE = 7  # and every so-many-th photo beyond them: walks go around more than once
 BLURRED = 0.25  # of the median sharpness: the motion of a hand, not another distance
 DARK, BRIGHT = 0.08, 0.92  # mean of a photo, of 1: little is left to match
+# unless a hundredth of the pixels, an object's, is on the other side of the middle: white that is
+# exposed two stops too short still is, by sRGB's curve
+OBJECT_AT_LEAST, MIDDLE = (1, 99), 0.5
 UNEVEN = 0.25  # stops, standard deviation over photos: cameras set exposure in thirds of a stop
 AROUND_POINT = 4  # pixels, deviation of the blur through which a matched point's light is read
 AT_SMALL_ANGLES = "take photos at every 10 degrees or less, or walk around it"
 FEW_PHOTOS = 12  # neighbours farther apart than 30 degrees are hardly matched by SIFT
+MOST_LISTED = 8  # photos in one sentence
 SEED = 0
 
 STANDS_STILL = (
@@ -84,13 +89,13 @@ class _Matched:
 def inspect(capture: PreparedCapture, *, progress: Progress = no_progress) -> Inspected:
     """Look at all photos of a capture; ``progress`` counts each photo once."""
     names = tuple(view.name for view in capture.views)
-    sharp, bright, features = [], [], []
+    sharp, light, features = [], [], []
     sift = cv2.SIFT.create(nfeatures=FEATURES)
     for index, view in enumerate(capture.views):
         photo = read_rgb(view.photo)
         grey = _shrunk(cv2.cvtColor(photo, cv2.COLOR_RGB2GRAY))
         sharp.append(sharpness(np.ascontiguousarray(photo[..., ::-1])))
-        bright.append(_brightness(grey, view))
+        light.append(_light(grey))
         features.append(_features(grey, sift))
         progress(index + 1, len(names), view.name)
     given = capture.cameras_are == "given"
@@ -102,13 +107,19 @@ def inspect(capture: PreparedCapture, *, progress: Progress = no_progress) -> In
         least = FEWEST_OF_OBJECT if stands_still else 0
         linked = [pair for pair, link in links.items() if link.moving >= least]
         matched, placed = _together(linked, len(names))
-    problems = _problems(names, sharp, bright, matched, placed)
+    problems = _problems(names, sharp, light, matched, placed)
     uneven = float(exposures({pair: link.stops for pair, link in links.items()}, len(names)).std())
     if uneven > UNEVEN:
         problems.append(f"exposure differs between photos: {uneven:.2f} stops (standard deviation)")
     if stands_still:
         problems.append(STANDS_STILL)
     return Inspected(names, tuple(matched), placed, tuple(problems), stands_still)
+
+
+def listed_names(names: Sequence[str]) -> str:
+    """List names, the first :data:`MOST_LISTED` of many."""
+    more = len(names) - MOST_LISTED
+    return ", ".join(names[:MOST_LISTED]) + (f" and {more} more" if more > 0 else "")
 
 
 def pairs(count: int) -> list[tuple[int, int]]:
@@ -145,14 +156,13 @@ def _features(grey: Grey, sift: cv2.SIFT) -> _Features | None:
     return _Features(places, np.asarray(descriptors, dtype=np.float32), around)
 
 
-def _brightness(grey: Grey, view: View) -> float:
-    """Return the mean of a photo, 0 to 1: of the object's pixels where it was cut out on white."""
-    if view.cut_out and view.mask is not None:
-        mask = cv2.imread(str(view.mask), cv2.IMREAD_GRAYSCALE)
-        if mask is not None and mask.any():
-            inside = cv2.resize(mask, grey.shape[::-1], interpolation=cv2.INTER_AREA)
-            return float(cv2.mean(grey, inside)[0]) / 255
-    return float(grey.mean()) / 255
+def _light(grey: Grey) -> Literal["dark", "bright", "fair"]:
+    """Say whether too little is left to match; a black or white ground around an object is fair."""
+    darkest, brightest = np.percentile(grey, OBJECT_AT_LEAST) / 255
+    mean = grey.mean() / 255
+    if mean < DARK and brightest < MIDDLE:
+        return "dark"
+    return "bright" if mean > BRIGHT and darkest > MIDDLE else "fair"
 
 
 def linear_light(grey: Grey) -> NDArray[np.float32]:
@@ -251,7 +261,7 @@ def _on_lines(points: NDArray[np.float32], others: NDArray[np.float32]) -> NDArr
 def _problems(
     names: Sequence[str],
     sharp: Sequence[float],
-    bright: Sequence[float],
+    light: Sequence[str],
     matched: Sequence[int],
     placed: int,
 ) -> list[str]:
@@ -261,14 +271,14 @@ def _problems(
         "blurred (next to the others)": [
             n for n, s in zip(names, sharp, strict=True) if s < BLURRED * usual
         ],
-        "too dark": [n for n, b in zip(names, bright, strict=True) if b < DARK],
-        "too bright": [n for n, b in zip(names, bright, strict=True) if b > BRIGHT],
+        "too dark": [n for n, found in zip(names, light, strict=True) if found == "dark"],
+        "too bright": [n for n, found in zip(names, light, strict=True) if found == "bright"],
         "not matched with any other photo": [
             n for n, m in zip(names, matched, strict=True) if m == 0
         ],
     }
     problems = [
-        f"{len(found)} {what}: {', '.join(found)}" for what, found in listed.items() if found
+        f"{len(found)} {what}: {listed_names(found)}" for what, found in listed.items() if found
     ]
     if len(names) < FEW_PHOTOS:
         problems.append(

@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from flows.cli.app import app
-from flows.cli.check import A_STEP, A_TRAINING, seconds
+from flows.cli.check import A_STEP, A_TRAINING, FURTHER_ATTEMPTS, seconds
 from mattgs_ops.capture.scene import PreparedCapture, View
 from mattgs_ops.config import BUNDLED, BenchmarkConfig
 from mattgs_ops.errors import InputError
@@ -47,6 +47,15 @@ def test_photos_that_have_nothing_in_common_end_with_two(tmp_path: Path) -> None
     assert "too few for a run" in result.output
 
 
+def test_photos_that_will_be_sought_anew_take_longer(tmp_path: Path) -> None:
+    photos, rng = some(tmp_path / "photos", 4), np.random.default_rng(0)
+    noise = rng.integers(0, 256, (120, 160, 3)).astype(np.uint8)
+    cv2.imwrite(str(photos / "noise.png"), noise)
+    result = CliRunner().invoke(app, ["check", str(photos), "--out", str(tmp_path / "out")])
+    assert "about 4 of 5 photos will get a camera" in result.output
+    assert FURTHER_ATTEMPTS in result.output
+
+
 def test_all_captures_of_a_file_are_looked_at(tmp_path: Path) -> None:
     file, out = tmp_path / "benchmark.toml", tmp_path / "out"
     entry = '[[captures]]\nname = "{0}"\npath = "{0}"\n'
@@ -66,6 +75,15 @@ def test_all_captures_of_a_file_are_looked_at(tmp_path: Path) -> None:
     assert str(tmp_path / "lost") in str(result.exception)
     assert "dog:" in result.output, "the others are looked at all the same"
     assert "a full run takes" not in result.output
+
+
+def test_photos_may_be_named_as_for_a_run(tmp_path: Path) -> None:
+    missing = str(tmp_path / "missing")
+    result = CliRunner().invoke(app, ["check", "--photos", missing, "--out", str(tmp_path)])
+    assert isinstance(result.exception, InputError)
+    assert "missing: expected a folder of photos, found nothing" in str(result.exception)
+    result = CliRunner().invoke(app, ["check", "a", "--photos", "b", "--out", str(tmp_path)])
+    assert "found a and b" in str(result.exception)
 
 
 def test_without_photos_there_is_nothing_to_check(tmp_path: Path) -> None:

@@ -1,6 +1,5 @@
 """What a quick look at photos finds: blur, exposure, photos that hang together."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -9,7 +8,14 @@ import pytest
 
 from mattgs_ops.capture.camera import Camera, Intrinsics
 from mattgs_ops.capture.scene import PreparedCapture, View
-from mattgs_ops.segment.inspect_photos import STANDS_STILL, exposures, inspect, linear_light, pairs
+from mattgs_ops.segment.inspect_photos import (
+    STANDS_STILL,
+    exposures,
+    inspect,
+    linear_light,
+    listed_names,
+    pairs,
+)
 
 WIDTH, HEIGHT = 240, 180
 
@@ -79,19 +85,21 @@ def test_what_is_wrong_is_told_by_name(tmp_path: Path) -> None:
     assert "of 6 photos hang together" in told
 
 
-def test_what_was_cut_out_on_white_is_not_too_bright(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("ground", "word"), [(255, "too bright"), (0, "too dark")])
+def test_a_white_or_a_black_ground_is_no_fault(tmp_path: Path, ground: int, word: str) -> None:
+    """As of what was cut out, a white sweep or black cloth; a photo of nothing else is told."""
     source = capture(tmp_path)
-    mask = np.zeros((HEIGHT, WIDTH), np.uint8)
-    mask[80:110, 100:140] = 255
-    cv2.imwrite(str(tmp_path / "mask.png"), mask)
     for view in source.views:
-        change(view, np.where(mask[..., None] > 0, photo(view), 255).astype(np.uint8))
-    cut = replace(
-        source,
-        views=tuple(replace(v, mask=tmp_path / "mask.png", cut_out=True) for v in source.views),
-    )
-    assert any("too bright" in one for one in inspect(source).problems)  # a white sheet, perhaps
-    assert not any("too bright" in one for one in inspect(cut).problems)
+        pixels = np.full((HEIGHT, WIDTH, 3), ground, np.uint8)
+        pixels[80:110, 90:150] = cv2.add(photo(view), 0 if ground else 60)[80:110, 90:150]
+        change(view, pixels)
+    change(source.views[3], np.full((HEIGHT, WIDTH, 3), ground, np.uint8))
+    assert [one for one in inspect(source).problems if word in one] == [f"1 {word}: 3.jpg"]
+
+
+def test_long_lists_are_cut() -> None:
+    assert listed_names(["a", "b"]) == "a, b"
+    assert listed_names([str(n) for n in range(10)]) == "0, 1, 2, 3, 4, 5, 6, 7 and 2 more"
 
 
 def stops_darker(pixels: np.ndarray, stops: float) -> np.ndarray:

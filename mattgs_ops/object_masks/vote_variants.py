@@ -86,7 +86,7 @@ class VoteVariants:
     threads: int
 
     def best(self, splats: Splats) -> Outcome:
-        """Let views vote on the splats without haze, and with it where that is surely better.
+        """Let views vote on the splats without haze, and with it where those votes are preferred.
 
         Haze may also be what little a short training has put on an even, dark plate.
         """
@@ -94,8 +94,8 @@ class VoteVariants:
         clear = self._votes_on(surfaces)
         if len(surfaces) == len(splats):
             return clear
-        hazy = self._votes_on(splats)
-        return replace(hazy, haze_votes=True) if self._better(hazy, clear, _worth) else clear
+        hazy = replace(self._votes_on(splats), haze_votes=True)
+        return self._preferred(hazy, clear)
 
     def _votes_on(self, splats: Splats) -> Outcome:
         """Let views vote on these splats, by a quarter or a half, with the ground's cut or not."""
@@ -110,8 +110,7 @@ class VoteVariants:
         found = self._outcome(splat_votes)
         if found.maps_invent:
             strict = self._outcome(splat_votes, half_needed=True)
-            passes = strict.votes_used and not found.votes_used
-            found = strict if passes or self._better(strict, found, _worth) else found
+            found = self._preferred(strict, found)
         if found.cut_in_doubt or found.object_cut:
             without = self._outcome(splat_votes, cut_ground=False, half_needed=found.half_needed)
             if without.votes_used:
@@ -120,6 +119,11 @@ class VoteVariants:
             elif not found.votes_used:  # they only correct maps, by what is the better guess
                 found = max(found, without, key=lambda one: self._mean(one, _worth))
         return found
+
+    def _preferred(self, other: Outcome, usual: Outcome) -> Outcome:
+        """Return the other outcome where its votes alone are used, or are surely worth more."""
+        passes = other.votes_used and not usual.votes_used
+        return other if passes or self._better(other, usual, _worth) else usual
 
     def _outcome(
         self, splat_votes: SplatVotes | None, *, cut_ground: bool = True, half_needed: bool = False

@@ -1,8 +1,12 @@
 """Views vote without haze, unless what is faint is a part of the object."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 import torch
 
+from mattgs_ops.object_masks.decision import Source
 from mattgs_ops.object_masks.map_scores import ViewMaps
 from mattgs_ops.object_masks.silhouettes import predict
 from mattgs_ops.object_masks.vote_variants import Outcome, VoteVariants
@@ -74,3 +78,23 @@ def test_faint_splats_that_are_the_object_count() -> None:
     found = variants.best(joined(chosen(splats, ~cap), *layers))
     assert found.haze_votes
     assert overlap(found) > 0.8  # without them 0.77
+
+
+@pytest.mark.parametrize(("clear", "hazy"), [("maps", "votes"), ("votes", "maps")])
+def test_votes_with_haze_are_preferred_where_those_without_do_not_make_the_masks(
+    monkeypatch: pytest.MonkeyPatch, clear: Source, hazy: Source
+) -> None:
+    """Both are worth the same."""
+    variants = variants_of_ten_views()
+    splats = scene_of_splats()
+    veiled = joined(splats, faint(chosen(splats, np.arange(len(splats)) >= BALL)))
+    usual = variants.best(splats)
+
+    def votes_on(_: VoteVariants, asked: Splats) -> Outcome:
+        masks = hazy if len(asked) == len(veiled) else clear
+        return replace(usual, decision=replace(usual.decision, masks=masks))
+
+    monkeypatch.setattr(VoteVariants, "_votes_on", votes_on)
+    found = variants.best(veiled)
+    assert found.votes_used
+    assert found.haze_votes is (hazy == "votes")

@@ -8,11 +8,11 @@ module that joins such a text to a folder checks it here.
 Only the text is looked at: no folder that the project fills from outside holds links.
 
 :func:`slug` is for the other way: it makes file names, keys and anchors of what people wrote, and
-:func:`numbers_by_value` says in which order names come.
+:func:`numbers_by_value` says in which order names come, :func:`listed_names` tells many of them.
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -82,6 +82,12 @@ def numbers_by_value(name: str) -> tuple[tuple[str | int, ...], str]:
     """
     parts = re.split(r"([0-9]+)", name)
     return tuple(int(part) if place % 2 else part for place, part in enumerate(parts)), name
+
+
+def listed_names(names: Sequence[str], most: int) -> str:
+    """List names in one sentence: the first ``most``, and how many more there are."""
+    more = len(names) - most
+    return ", ".join(names[:most]) + (f" and {more} more" if more > 0 else "")
 
 
 def capture_name(folder: str) -> str:

@@ -11,8 +11,9 @@ from mattgs_ops.capture.prepare import prepare
 from mattgs_ops.capture.scene import PreparedCapture, View
 from mattgs_ops.config import BenchmarkConfig, CaptureConfig
 from mattgs_ops.errors import InputError, StageError
+from mattgs_ops.naming import listed_names
 from mattgs_ops.segment.infer import segment
-from mattgs_ops.segment.inspect_photos import AT_SMALL_ANGLES, Inspected, inspect, listed_names
+from mattgs_ops.segment.inspect_photos import AT_SMALL_ANGLES, MOST_LISTED, Inspected, inspect
 from mattgs_ops.segment.mask_report import MaskReport
 from mattgs_ops.sfm.lost_views import MOST_VIEWS
 from reports.figures.mask_sheets import draw
@@ -91,7 +92,7 @@ def _lines(
     lines += [f"! {problem}" for problem in seen.problems]
     flags = [f"{view.name} ({', '.join(view.flags)})" for view in report.flagged]
     if flags:
-        lines.append(f"! masks that look wrong: {listed_names(flags)}")
+        lines.append(f"! masks that look wrong: {listed_names(flags, MOST_LISTED)}")
     count = f"{seen.placed} of {len(seen.names)} photos"
     if good:
         return [*lines, f"about {count} will get a camera"]

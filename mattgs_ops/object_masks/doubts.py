@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from mattgs_ops.naming import listed_names
 from mattgs_ops.object_masks.silhouettes import CONTRADICT
 from mattgs_ops.segment.mask_report import FRAME_SHARE, MaskReport
 from mattgs_ops.sfm.colmap.moving_object import FROM_OBJECT
@@ -36,7 +37,8 @@ def of_masks(report: MaskReport, extra: Mapping[str, Any]) -> list[Doubt]:
     doubts = [Doubt("masks", text, True) for text in texts]
     dropped = list(extra.get("dropped") or ())
     if dropped:
-        text = f"no object was found in {_named(dropped)}: nothing is trained or scored there"
+        named = listed_names(dropped, NAMED)
+        text = f"no object was found in {named}: nothing is trained or scored there"
         doubts.append(Doubt("masks", text, False))
     return doubts
 
@@ -97,8 +99,3 @@ def _flooded(report: MaskReport) -> list[str]:
         return []
     text = f"masks cover more than {FRAME_SHARE:.0%} of the photo's border in"
     return [f"{text} {len(flooded)} of {len(report.views)} photos"]
-
-
-def _named(names: list[str]) -> str:
-    more = len(names) - NAMED
-    return ", ".join(names[:NAMED]) + (f" and {more} more" if more > 0 else "")

@@ -50,8 +50,10 @@ def worths(
         return [0.0] * len(used), None
     with_object = [k for k in used if (small[k] >= HALF).any()]
     overlap = dict(zip(with_object, outlines.agreement, strict=True))
-    shares = {k: share_on_edges(maps[k] >= HALF, edges[k]) for k in with_object}
-    return [overlap.get(k, 0.0) * shares.get(k, 0.0) for k in used], outlines
+    return [
+        overlap[k] * share_on_edges(maps[k] >= HALF, edges[k]) if k in overlap else 0.0
+        for k in used
+    ], outlines
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from scipy.sparse.csgraph import connected_components
 from mattgs_ops.capture.photos import read_rgb
 from mattgs_ops.capture.scene import PreparedCapture
 from mattgs_ops.capture.video import sharpness
+from mattgs_ops.naming import listed_names
 from mattgs_ops.progress import Progress, no_progress
 
 SIDE = 480  # pixels of the longest side at which photos are matched
@@ -114,12 +115,6 @@ def inspect(capture: PreparedCapture, *, progress: Progress = no_progress) -> In
     if stands_still:
         problems.append(STANDS_STILL)
     return Inspected(names, tuple(matched), placed, tuple(problems), stands_still)
-
-
-def listed_names(names: Sequence[str]) -> str:
-    """List names, the first :data:`MOST_LISTED` of many."""
-    more = len(names) - MOST_LISTED
-    return ", ".join(names[:MOST_LISTED]) + (f" and {more} more" if more > 0 else "")
 
 
 def pairs(count: int) -> list[tuple[int, int]]:
@@ -278,7 +273,9 @@ def _problems(
         ],
     }
     problems = [
-        f"{len(found)} {what}: {listed_names(found)}" for what, found in listed.items() if found
+        f"{len(found)} {what}: {listed_names(found, MOST_LISTED)}"
+        for what, found in listed.items()
+        if found
     ]
     if len(names) < FEW_PHOTOS:
         problems.append(

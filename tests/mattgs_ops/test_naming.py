@@ -15,6 +15,7 @@ from mattgs_ops.naming import (
     checked_row,
     is_below,
     is_name,
+    listed_names,
     numbers_by_value,
     row_problems,
     slug,
@@ -119,3 +120,8 @@ def test_numbers_in_names_are_sorted_by_their_value() -> None:
     shuffled = names[3:] + names[:3]
     assert sorted(shuffled, key=numbers_by_value) == names
     assert numbers_by_value("01.jpg") != numbers_by_value("1.jpg")
+
+
+def test_long_lists_are_cut() -> None:
+    assert listed_names(["a", "b"], 8) == "a, b"
+    assert listed_names([str(n) for n in range(10)], 8) == "0, 1, 2, 3, 4, 5, 6, 7 and 2 more"

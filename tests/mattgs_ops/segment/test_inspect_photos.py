@@ -13,7 +13,6 @@ from mattgs_ops.segment.inspect_photos import (
     exposures,
     inspect,
     linear_light,
-    listed_names,
     pairs,
 )
 
@@ -95,11 +94,6 @@ def test_a_white_or_a_black_ground_is_no_fault(tmp_path: Path, ground: int, word
         change(view, pixels)
     change(source.views[3], np.full((HEIGHT, WIDTH, 3), ground, np.uint8))
     assert [one for one in inspect(source).problems if word in one] == [f"1 {word}: 3.jpg"]
-
-
-def test_long_lists_are_cut() -> None:
-    assert listed_names(["a", "b"]) == "a, b"
-    assert listed_names([str(n) for n in range(10)]) == "0, 1, 2, 3, 4, 5, 6, 7 and 2 more"
 
 
 def stops_darker(pixels: np.ndarray, stops: float) -> np.ndarray:

@@ -35,7 +35,35 @@ def augment(
     square = (size, size)
     image = cv2.warpAffine(image, matrix, square, flags=flags, borderMode=border)
     mask = cv2.warpAffine(mask, matrix, square, flags=flags, borderMode=border)
+    if config.harsh and rng.random() < config.harsh:
+        image = harsh_light(rng, image)
     return spoil(rng, image), mask
+
+
+def harsh_light(rng: np.random.Generator, image: Image) -> Image:
+    """Relight an image [S, S, 3] as a lamp, a window or the sun would.
+
+    Tones go deep or flat, colours pale or strong, a lamp tints all, one side lies in the dark, and
+    the shadow of something outside the frame falls on the rest.
+    """
+    size = image.shape[0]
+    x = (image.astype(np.float32) / 255) ** float(np.exp(rng.normal(0, 0.45)))
+    grey = x.mean(2, keepdims=True)
+    x = grey + (x - grey) * rng.uniform(0.1, 1.6)
+    x = x * np.exp(rng.normal(0, 0.18, 3)).astype(np.float32)
+    axis = np.linspace(-1, 1, size, dtype=np.float32)
+    angle, depth = rng.uniform(0, 2 * np.pi), rng.uniform(0, 0.8)
+    across = np.cos(angle) * axis[None] + np.sin(angle) * axis[:, None]
+    x = x * (1 + depth * across / np.sqrt(2))[..., None]
+    if rng.random() < 0.4:
+        corners = rng.uniform(-0.3, 1.3, (int(rng.integers(3, 6)), 2)) * size
+        shadow = np.zeros((size, size), np.float32)
+        cv2.fillPoly(shadow, [corners.astype(np.int32)], 1.0)
+        soft = cv2.GaussianBlur(shadow, (0, 0), float(rng.uniform(0.5, 12)) * size / 320)
+        x = x * (1 - rng.uniform(0.2, 0.8) * soft[..., None])
+    bright = float(np.quantile(x, 0.98)) + 1e-3
+    x = x * rng.uniform(0.5, 1.4) / bright  # some are under-, some overexposed
+    return np.asarray(np.clip(x, 0, 1) * 255, dtype=np.uint8)
 
 
 def spoil(rng: np.random.Generator, image: Image) -> Image:

@@ -29,10 +29,10 @@ VALIDATION_SEED_SHIFT = 1_000_003  # keeps validation composites apart from trai
 class Folder:
     """A user's photos and masks, checked once, read when needed, longest side ``rescale``."""
 
-    def __init__(self, config: FolderConfig, rescale: int) -> None:
+    def __init__(self, config: FolderConfig, rescale: int, pasted: float = 0.0) -> None:
         if not config.images.is_dir():
             raise InputError(f"{config.images}: expected a folder of photos, found none")
-        self.share, self.rescale = config.share, rescale
+        self.share, self.rescale, self.pasted = config.share, rescale, pasted
         names = sorted(p for p in config.images.iterdir() if p.suffix.lower() in PHOTO_SUFFIXES)
         if not names:
             raise InputError(f"{config.images}: expected photos (.jpg, .png), found none")
@@ -66,10 +66,10 @@ class Batches:
             traced = FolderConfig(
                 images=rendered / "images", masks=rendered / "masks", share=config.rendered.share
             )
-            self.folders.insert(0, Folder(traced, config.rescale))
+            self.folders.insert(0, Folder(traced, config.rescale, config.rendered.pasted))
             self.backdrops = load_backdrops(rendered)
             self.backdrop_share = config.rendered.backdrops
-        self.bank = Bank(config.seed)
+        self.bank = Bank(config.seed, config.patterns)
         self._validation: dict[int, list[tuple[Image, Image]]] = {}
         self._drawn: OrderedDict[tuple[int, int], tuple[Image, Image]] = OrderedDict()
 
@@ -96,6 +96,8 @@ class Batches:
                 image, mask = self._composite(drawn, stage.size)
             else:
                 image, mask = folder.sample(int(rng.integers(len(folder.pairs))))
+                if folder.pasted and rng.random() < folder.pasted:
+                    image = self._pasted(rng, image, mask)
             image, mask = augment(rng, image, mask, stage.size, self.config.augment)
             images.append(image)
             masks.append(mask)
@@ -108,6 +110,19 @@ class Batches:
             indices = range(self.config.validation_images)
             self._validation[size] = [source.sample(index) for index in indices]
         return self._validation[size]
+
+    def _pasted(self, rng: np.random.Generator, image: Image, mask: Image) -> Image:
+        """Put the object of a traced view before another place, as cut-and-paste training does.
+
+        Dwibedi, Misra and Hebert, Cut, Paste and Learn (ICCV 2017). No shadow is drawn.
+        """
+        place = self.backdrops[int(rng.integers(len(self.backdrops)))].image
+        size = (mask.shape[1], mask.shape[0])
+        behind = cv2.resize(place, size, interpolation=cv2.INTER_LINEAR)
+        if rng.random() < 0.5:
+            behind = behind[:, ::-1]
+        share = mask[..., None].astype(np.float32) / 255
+        return np.asarray(image * share + behind * (1 - share), dtype=np.uint8)
 
     def _folder(self, rng: np.random.Generator) -> Folder | None:
         draw = rng.random() * (1.0 if self.config.composites else self._shares())

@@ -16,6 +16,9 @@ class AugmentConfig(Frozen):
     rotation: float = Field(15.0, ge=0, le=180, description="degrees, to either side")
     flip_horizontal: float = Field(0.5, ge=0, le=1)
     flip_vertical: float = Field(0.1, ge=0, le=1)
+    harsh: float = Field(
+        0.0, ge=0, le=1, description="share of images with hard light: deep tones, shadows, casts"
+    )
 
 
 class WorldConfig(Frozen):
@@ -23,14 +26,16 @@ class WorldConfig(Frozen):
 
     plain: float = Field(0.4, ge=0, le=1, description="cloth, paper, bare tables, flash")
     walls: float = Field(0.12, ge=0, le=1, description="irregular things in front of a wall")
+    rooms: float = Field(0.0, ge=0, le=1, description="tables, stands and floors in rooms")
     figures: float = Field(0.3, ge=0, le=1, description="share of objects that are smooth figures")
     turntables: float = Field(0.12, ge=0, le=1, description="share of objects that stand on a disc")
 
     @model_validator(mode="after")
     def _at_most_all(self) -> "WorldConfig":
-        if self.plain + self.walls > 1:
+        together = self.plain + self.walls + self.rooms
+        if together > 1:
             raise ValueError(
-                f"plain and walls: expected at most 1 together, found {self.plain + self.walls:g}"
+                f"plain, walls and rooms: expected at most 1 together, found {together:g}"
             )
         return self
 
@@ -57,6 +62,9 @@ class RenderedConfig(Frozen):
     width: int = Field(224, ge=32, description="pixels; the height is three quarters of it")
     share: float = Field(0.3, gt=0, le=1, description="share of a batch that comes from the views")
     backdrops: float = Field(0.4, ge=0, le=1, description="share of composites painted on them")
+    pasted: float = Field(
+        0.0, ge=0, le=1, description="share of the views whose object is cut out, on another place"
+    )
     seed: int = Field(1234, ge=0)
 
 
@@ -83,6 +91,7 @@ class SegmentTrainConfig(Frozen):
     )
     composites: bool = Field(True, description="train on composites made on the fly")
     world: WorldConfig = WorldConfig()
+    patterns: int = Field(3, ge=1, description="of each kind, that surfaces are covered with")
     reuse: int = Field(4, ge=1, description="times a composite is shown, differently augmented")
     pool: int = Field(400, ge=1, description="how many of the last composites are drawn from")
     rendered: RenderedConfig | None = Field(None, description="needs the `dev` extra")

@@ -30,6 +30,7 @@ from mattgs_ops.segment.training_images.plain_grounds import (
     random_ground,
     turntable,
 )
+from mattgs_ops.segment.training_images.rooms import paint_room, room_light
 from mattgs_ops.segment.training_images.solids import Array, Colour, Face, Paint
 from mattgs_ops.segment.training_images.textures import Bank
 from mattgs_ops.segment.training_images.things import OBJECTS, clutter
@@ -77,6 +78,8 @@ class Composites:
             return organic_scene(rng, side, self.bank)
         if draw < self.world.walls + self.world.plain:
             return plain_scene(rng, side, self.bank, self.world)
+        if draw < self.world.walls + self.world.plain + self.world.rooms:
+            return room_scene(rng, side, self.bank, self.world)
         thing = random_thing(rng, self.world.figures)
         return desk_scene(rng, side, self.bank, thing, self.world)
 
@@ -118,6 +121,20 @@ def plain_scene(
     canvas = Canvas(side, camera, ground_light(rng, kind, camera.eye), bank, rng)
     paint_ground(canvas, kind, colour)
     others = place_clutter(rng, camera, int(rng.integers(1, 4)) if rng.random() < 0.15 else 0)
+    draw_in_order(canvas, thing, others, world.turntables)
+    return canvas.image, canvas.mask
+
+
+def room_scene(
+    rng: np.random.Generator, side: int, bank: Bank, world: WorldConfig
+) -> tuple[Image, Image]:
+    """Draw an object in a room, on a table, a stand or the floor."""
+    thing = random_thing(rng, world.figures)
+    points = points_of(thing)
+    camera = look_at(rng, side, points, lowest=-2.0)
+    canvas = Canvas(side, camera, room_light(rng, camera.eye), bank, rng)
+    paint_room(canvas, points)
+    others = place_clutter(rng, camera, int(rng.integers(1, 5)) if rng.random() < 0.4 else 0)
     draw_in_order(canvas, thing, others, world.turntables)
     return canvas.image, canvas.mask
 
@@ -180,13 +197,14 @@ def draw_in_order(
             canvas.draw(others[i], is_object=False)
 
 
-def look_at(rng: np.random.Generator, side: int, points: Array) -> Camera:
+def look_at(rng: np.random.Generator, side: int, points: Array, lowest: float = 8.0) -> Camera:
     """Put a camera on an orbit around points [K, 3], which come to lie near the frame's middle.
 
-    Most are wholly in the frame, a few reach over its edge.
+    ``lowest`` is the least elevation, degrees. Most objects are wholly in the frame, a few reach
+    over its edge.
     """
     middle = (points.min(0) + points.max(0)) / 2
-    azimuth, elevation = rng.uniform(0, 2 * np.pi), np.radians(rng.uniform(8, 70))
+    azimuth, elevation = rng.uniform(0, 2 * np.pi), np.radians(rng.uniform(lowest, 70))
     backward = np.array(
         [
             np.cos(azimuth) * np.cos(elevation),

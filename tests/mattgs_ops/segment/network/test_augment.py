@@ -1,0 +1,42 @@
+"""Hard light changes what an image looks like and nothing of where things are."""
+
+import numpy as np
+
+from mattgs_ops.segment.network.augment import augment, harsh_light
+from mattgs_ops.segment.network.train_config import AugmentConfig
+
+SIDE = 64
+
+
+def checkered(side: int = SIDE) -> np.ndarray:
+    tiles = (np.indices((side, side)) // 8).sum(0) % 2
+    return np.repeat((60 + 120 * tiles)[..., None], 3, 2).astype(np.uint8)
+
+
+def test_hard_light_keeps_edges_where_they_are() -> None:
+    image = checkered()
+    kept = []
+    for seed in range(12):
+        lit = harsh_light(np.random.default_rng(seed), image).astype(float).mean(2)
+        assert lit.shape == (SIDE, SIDE)
+        inside = np.abs(lit[:, 2] - lit[:, 5]).mean()  # of one tile
+        across = np.abs(lit[:, 6] - lit[:, 9]).mean()  # of two
+        kept.append(across > 2 * inside)
+    assert sum(kept) >= 11
+
+
+def test_hard_light_is_darker_on_one_side_and_ranges_from_dim_to_burnt_out() -> None:
+    flat = np.full((SIDE, SIDE, 3), 120, np.uint8)
+    lit = [harsh_light(np.random.default_rng(seed), flat).astype(float) for seed in range(40)]
+    slopes = [abs(x[:, :8].mean() - x[:, -8:].mean()) for x in lit]
+    assert np.median(slopes) > 15
+    means = [x.mean() for x in lit]
+    assert min(means) < 90
+    assert max(means) > 200
+
+
+def test_no_image_gets_hard_light_unless_asked_for() -> None:
+    image, mask = checkered(), np.zeros((SIDE, SIDE), np.uint8)
+    plain, asked = AugmentConfig(), AugmentConfig(harsh=1.0)
+    same, other = (augment(np.random.default_rng(3), image, mask, 48, c)[0] for c in (plain, asked))
+    assert np.abs(same.astype(int) - other).mean() > 3

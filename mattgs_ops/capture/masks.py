@@ -59,6 +59,23 @@ def clean(mask: Mask) -> Mask:
     return kept
 
 
+def parts_apart(mask: NDArray[np.bool_], seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the 8-connected parts of ``mask`` [H, W] of which ``seen`` holds less than half.
+
+    The largest part is none of them. Where nothing is seen, nothing is apart from it.
+    """
+    if not seen.any():
+        return np.zeros_like(mask)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
+    areas = stats[:, cv2.CC_STAT_AREA]
+    apart = 2 * np.bincount(labels[seen], minlength=len(areas)) < areas
+    apart[0] = False  # what is no part
+    if len(areas) > 1:
+        apart[1 + int(areas[1:].argmax())] = False
+    found: NDArray[np.bool_] = apart[labels]
+    return found
+
+
 def mask_name(photo: str) -> str:
     """File name of a photo's mask: ``IMG_1.jpg`` to ``IMG_1.jpg.png``."""
     return f"{photo}.png"

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mattgs_ops.capture.masks import HALF, SoftMap, disc
+from mattgs_ops.capture.masks import HALF, SoftMap, disc, parts_apart
 from mattgs_ops.object_masks.silhouettes import SIDE, resized
 from mattgs_ops.object_masks.splats.votes import VotedMaps
 
@@ -57,12 +57,19 @@ def corrected_by_all(
     """Return own maps corrected by silhouettes and votes, and by ``along`` near their outlines.
 
     ``alone``: by nothing else, as on plain ground, where there is nothing that maps could take
-    along and silhouettes could take away. Maps that show nothing are lent the others' prediction.
+    along and silhouettes could take away, and where what a map saw nothing of is not the object's:
+    a colour chart lies in every photo. Maps that show nothing are lent the others' prediction.
     """
     splats_agreement = float(np.mean(votes.soft_agreement))
     predicted = resized(votes.predicted, own)
     mixed = corrected(own, others, predicted, agreement, splats_agreement, along)
-    return unless([not alone or not (mine >= HALF).any() for mine in own], along, mixed)
+    near = [_without_parts_apart(a, mine) for a, mine in zip(along, own, strict=True)]
+    return unless([not alone or not (mine >= HALF).any() for mine in own], near, mixed)
+
+
+def _without_parts_apart(mixed: SoftMap, own: SoftMap) -> SoftMap:
+    apart = parts_apart(mixed >= HALF, own >= HALF)
+    return np.where(apart, np.minimum(own, mixed), mixed)
 
 
 def averaged(

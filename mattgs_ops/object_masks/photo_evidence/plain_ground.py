@@ -5,7 +5,8 @@ the photo. A network fills the air under a crane's jib or between a temple's col
 photo shows that very ground. Each photo's ground is fitted to what its map is sure is no object, in
 CIELAB, and each pixel gets what it deviates in units of the ground's noise. How often the object
 deviates that much, and how often the ground, is counted over all training views by what the maps
-are sure of. The ratio of both corrects the map by Bayes' rule.
+are sure of. The ratio of both corrects the map by Bayes' rule, where what it adds touches what the
+map saw.
 
 Shadows are the ground, darker: that a pixel is darker and has the ground's hue is no evidence for
 the object. On textured or cluttered ground the two kinds of pixels deviate alike. How much their
@@ -21,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from mattgs_ops.capture.masks import SoftMap
+from mattgs_ops.capture.masks import HALF, SoftMap, parts_apart
 from mattgs_ops.parallel import over_views
 from mattgs_ops.segment.grabcut import SURE_BACKGROUND, SURE_OBJECT, doubt_disc
 
@@ -159,4 +160,6 @@ def _posterior(soft: SoftMap, ratio: NDArray[np.float64]) -> SoftMap:
     prior = soft.clip(*SUREST)
     odds = prior / (1 - prior) * ratio
     posterior: SoftMap = (odds / (1 + odds)).astype(np.float32)
+    apart = parts_apart(posterior >= HALF, soft >= HALF)  # a colour chart, a scale bar
+    posterior[apart] = soft[apart]
     return posterior

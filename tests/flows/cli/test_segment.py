@@ -55,11 +55,12 @@ def test_weights_that_are_no_file_are_refused(tmp_path: Path, name: str) -> None
 
 def test_the_bundled_file_is_what_its_two_networks_become(tmp_path: Path) -> None:
     out = tmp_path / "mean.onnx"
-    pair = [str(BUNDLED_MODEL.with_name(name)) for name in ("u2netp.onnx", "u2netp-wide.onnx")]
+    names = ("u2netp-wide.onnx", "u2netp-traced.onnx")
+    pair = [str(BUNDLED_MODEL.with_name(name)) for name in names]
     result = CliRunner().invoke(app, ["segment", "combine", str(out), *pair])
     assert result.exit_code == 0, result.output
     assert f"Segmenter: {out.resolve()} (within " in result.output
-    assert SaliencyNetwork(out).width == 192
+    assert SaliencyNetwork(out).width == 256
     assert out.read_bytes() == BUNDLED_MODEL.read_bytes()
 
 

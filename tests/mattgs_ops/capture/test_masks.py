@@ -4,7 +4,14 @@ import cv2
 import numpy as np
 import pytest
 
-from mattgs_ops.capture.masks import boundary_f, clean, mask_name, quality, threshold
+from mattgs_ops.capture.masks import (
+    boundary_f,
+    clean,
+    mask_name,
+    parts_apart,
+    quality,
+    threshold,
+)
 
 
 def disc(size: int, centre: tuple[int, int], radius: int) -> np.ndarray:
@@ -37,6 +44,26 @@ def test_clean_keeps_a_second_large_part_and_background_at_the_border() -> None:
     assert cleaned[100, 150] == 255
     assert cleaned[0, 0] == 0
     assert clean(np.zeros((9, 9), np.uint8)).max() == 0
+
+
+def test_parts_that_are_mostly_unseen_are_apart_from_the_largest() -> None:
+    mask, seen = np.zeros((20, 40), np.bool_), np.zeros((20, 40), np.bool_)
+    mask[2:18, 2:18] = True  # the largest: never apart, though little of it is seen
+    mask[4:8, 22:26] = mask[12:16, 22:26] = mask[4:8, 30:34] = True  # three parts of 16 pixels
+    seen[2:4, 2:4] = seen[4:8, 22:24] = True  # half of the first
+    seen[12:16, 22] = True  # a quarter of the second, nothing of the third
+    apart = parts_apart(mask, seen)
+    assert apart.sum() == 32
+    assert apart[12:16, 22:26].all()
+    assert apart[4:8, 30:34].all()
+
+
+def test_nothing_is_apart_from_what_saw_nothing() -> None:
+    mask = np.eye(9, dtype=np.bool_)
+    mask[0, 8] = True
+    assert not parts_apart(mask, np.zeros_like(mask)).any()
+    assert parts_apart(mask, np.eye(9, k=4, dtype=np.bool_)).sum() == 1, "corners touch"
+    assert not parts_apart(np.zeros_like(mask), mask).any()
 
 
 def test_mask_name_is_colmaps() -> None:

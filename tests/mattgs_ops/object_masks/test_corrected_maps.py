@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mattgs_ops.capture.masks import SoftMap
-from mattgs_ops.object_masks.corrected_maps import averaged, corrected, unless
+from mattgs_ops.object_masks.corrected_maps import averaged, corrected, corrected_by_all, unless
 from mattgs_ops.object_masks.decision import decide
 from mattgs_ops.object_masks.silhouettes import Silhouettes, iou, resized
 from tests.mattgs_ops.object_masks.ball import CENTRE, HEIGHT, VIEWS, WIDTH
@@ -66,6 +66,24 @@ def test_the_outline_of_a_part_that_no_other_shows_goes_with_the_part() -> None:
     own[:, :20] = 1
     (found,) = corrected([own], [_even(0)], [_even(0)], 0.9, 0.9, [own])
     assert (found < 0.5).all()
+
+
+@pytest.mark.parametrize("plain", [True, False])
+def test_on_plain_ground_no_part_joins_that_the_map_saw_nothing_of(plain: bool) -> None:
+    """What all other views call object lies apart: a chart there, elsewhere maybe a missed part."""
+    own, everyone = _even(0), _even(0)
+    own[5:25, 5:25] = 1
+    everyone[5:25, 5:28] = everyone[30:38, 30:38] = 1
+    found = corrected_by_all(
+        [own],
+        [everyone],
+        votes([everyone], [everyone]),
+        0.9,
+        averaged([own], [everyone], 0.5, 0.9),
+        alone=plain,
+    )[0]
+    assert (found[5:25, 5:28] >= 0.5).all(), "what touches the map's own joins"
+    assert bool((found[32:36, 32:36] >= 0.5).all()) is not plain
 
 
 def test_a_map_is_replaced_by_another() -> None:

@@ -65,6 +65,37 @@ def test_a_part_that_the_map_hardly_sees_joins() -> None:
     assert min(scores(corrected, truths)) > 0.97 > max(scores(maps, truths))
 
 
+CHART = slice(60, 72), slice(6, 24)  # beside the thing
+
+
+@pytest.mark.parametrize("seen", [0, 4])
+def test_a_chart_beside_the_thing_does_not_join(seen: int) -> None:
+    """It is as red as the thing, and a map that sees a corner of it does not take it for object."""
+    truths = [frame(view) for view in range(VIEWS)]
+    shown = [mask.copy() for mask in truths]
+    for mask in shown:
+        mask[CHART] = 1
+    photos = [photo_of(mask, sloping(), view) for view, mask in enumerate(shown)]
+    maps: list[SoftMap] = [np.float32(0.98) * mask for mask in truths]
+    for soft in maps:
+        soft[CHART] = 0.1
+        soft[60:72, 6 : 6 + seen] = 0.9
+    found, corrected = correct_by_ground(photos, maps, [True] * VIEWS)
+    assert found.used
+    for soft, own in zip(corrected, maps, strict=True):
+        assert (soft[CHART] >= 0.5).sum() <= 12 * seen
+        assert iou(soft >= 0.5, own >= 0.5) > 0.97
+
+
+def test_a_map_that_sees_nothing_gets_what_is_no_ground() -> None:
+    truths = [frame(view) for view in range(VIEWS)]
+    photos = [photo_of(mask, sloping(), view) for view, mask in enumerate(truths)]
+    maps: list[SoftMap] = [np.float32(0.98) * mask for mask in truths]
+    maps[-1] = np.float32(0.3) * truths[-1]
+    _, corrected = correct_by_ground(photos, maps, [True] * VIEWS)
+    assert min(scores(corrected, truths)) > 0.97
+
+
 def test_a_shadow_is_no_object() -> None:
     truths = [frame(view) for view in range(VIEWS)]
     ground = sloping()

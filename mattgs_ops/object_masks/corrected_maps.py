@@ -63,8 +63,8 @@ def corrected_by_all(
     splats_agreement = float(np.mean(votes.soft_agreement))
     predicted = resized(votes.predicted, own)
     mixed = corrected(own, others, predicted, agreement, splats_agreement, along)
-    near = [_without_parts_apart(a, mine) for a, mine in zip(along, own, strict=True)]
-    return unless([not alone or not (mine >= HALF).any() for mine in own], near, mixed)
+    connected = [_without_parts_apart(a, mine) for a, mine in zip(along, own, strict=True)]
+    return unless([not alone or not (mine >= HALF).any() for mine in own], connected, mixed)
 
 
 def _without_parts_apart(mixed: SoftMap, own: SoftMap) -> SoftMap:

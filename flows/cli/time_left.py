@@ -13,7 +13,7 @@ from tasks.stages.status import Status
 # Seconds of each kind at the quick setting on one quiet core; only their ratios matter
 TYPICAL = {
     "prepare": 2.0,
-    "segment": 15.0,
+    "segment": 30.0,
     "sfm": 50.0,
     "agree": 40.0,
     "train": 25.0,

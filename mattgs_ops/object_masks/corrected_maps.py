@@ -57,14 +57,17 @@ def corrected_by_all(
     """Return own maps corrected by silhouettes and votes, and by ``along`` near their outlines.
 
     ``alone``: by nothing else, as on plain ground, where there is nothing that maps could take
-    along and silhouettes could take away, and where what a map saw nothing of is not the object's:
-    a colour chart lies in every photo. Maps that show nothing are lent the others' prediction.
+    along and silhouettes could take away, and where parts that a map saw less than half of are not
+    the object's: a colour chart lies in every photo. Maps that show nothing are lent the others'
+    prediction.
     """
     splats_agreement = float(np.mean(votes.soft_agreement))
     predicted = resized(votes.predicted, own)
     mixed = corrected(own, others, predicted, agreement, splats_agreement, along)
+    if not alone:
+        return mixed
     connected = [_without_parts_apart(a, mine) for a, mine in zip(along, own, strict=True)]
-    return unless([not alone or not (mine >= HALF).any() for mine in own], connected, mixed)
+    return unless([not (mine >= HALF).any() for mine in own], connected, mixed)
 
 
 def _without_parts_apart(mixed: SoftMap, own: SoftMap) -> SoftMap:

@@ -5,8 +5,8 @@ the photo. A network fills the air under a crane's jib or between a temple's col
 photo shows that very ground. Each photo's ground is fitted to what its map is sure is no object, in
 CIELAB, and each pixel gets what it deviates in units of the ground's noise. How often the object
 deviates that much, and how often the ground, is counted over all training views by what the maps
-are sure of. The ratio of both corrects the map by Bayes' rule, where what it adds touches what the
-map saw.
+are sure of. The ratio of both corrects the map by Bayes' rule. What the map saw less than half of
+stays as it was, unless it is the largest part: a colour chart is no ground, and not the object's.
 
 Shadows are the ground, darker: that a pixel is darker and has the ground's hue is no evidence for
 the object. On textured or cluttered ground the two kinds of pixels deviate alike. How much their

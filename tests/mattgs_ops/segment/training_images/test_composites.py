@@ -12,11 +12,6 @@ from mattgs_ops.segment.training_images.things import OBJECTS, Recipe
 from mattgs_ops.segment.training_images.traced.backdrops import Backdrop
 
 
-@pytest.fixture(scope="module")
-def bank() -> Bank:
-    return Bank(0, per_maker=1)
-
-
 def canvas(bank: Bank, side: int = 64) -> Canvas:
     camera = Camera.facing(np.array([0, -4.0, 0]), np.zeros(3), side, 1.0, 1.0, 0.0)
     light = Light(np.array([0, 0, 1.0]), 1.0, 0.0, 0.0, 1.0)

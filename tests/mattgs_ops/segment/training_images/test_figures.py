@@ -28,11 +28,6 @@ SIDE = 64
 RED = (0.9, 0.1, 0.1)
 
 
-@pytest.fixture(scope="module")
-def bank() -> Bank:
-    return Bank(0, per_maker=1)
-
-
 def camera() -> Camera:
     """Look along +y at the origin from four units away; a unit is 16 pixels there."""
     return Camera.facing(np.array([0, -4.0, 0]), np.zeros(3), SIDE, 1.0, 1.0, 0.0)

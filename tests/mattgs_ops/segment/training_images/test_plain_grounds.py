@@ -21,11 +21,6 @@ SIDE = 64
 EYE = np.array([0, -3.0, 2.0])
 
 
-@pytest.fixture(scope="module")
-def bank() -> Bank:
-    return Bank(0, per_maker=1)
-
-
 def painted(bank: Bank, kind: Kind, colour: tuple[float, float, float], seed: int) -> np.ndarray:
     rng = np.random.default_rng(seed)
     camera = Camera.facing(EYE, np.zeros(3), SIDE, 1.0, 1.0, 0.0)

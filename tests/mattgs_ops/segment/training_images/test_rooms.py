@@ -26,11 +26,6 @@ POINTS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.4, 0.4) for z in 
 UNPAINTED = (1, 2, 3)  # a colour that nothing is painted in by chance
 
 
-@pytest.fixture(scope="module")
-def bank() -> Bank:
-    return Bank(0, per_maker=1)
-
-
 def empty_canvas(bank: Bank, seed: int) -> Canvas:
     rng = np.random.default_rng(seed)
     camera = Camera.facing(EYE, np.array([0, 0, 0.4]), SIDE, 1.0, 1.0, 0.0)

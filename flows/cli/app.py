@@ -6,6 +6,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
 from typing import Annotated
 
 import typer
@@ -218,7 +219,15 @@ def _heeding_ctrl_c() -> Iterator[None]:
         else:
             before[0](unraisable)
 
-    signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(signal.SIGINT))
+    def send_again(_: int, frame: FrameType | None) -> None:
+        while frame:
+            if frame.f_code is dropped.__code__:  # what is raised there is dropped for good
+                signal.setitimer(signal.ITIMER_REAL, AGAIN_SECONDS)
+                return
+            frame = frame.f_back
+        signal.raise_signal(signal.SIGINT)
+
+    signal.signal(signal.SIGALRM, send_again)
     sys.unraisablehook = dropped
     try:
         yield

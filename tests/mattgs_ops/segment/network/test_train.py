@@ -234,7 +234,13 @@ def test_rates_follow_the_legs() -> None:
     assert rates[199] == pytest.approx(1e-5, rel=0.02)
 
 
-RECIPES = ("train.toml", "train-long.toml", "train-desks.toml", "train-wide.toml")
+RECIPES = (
+    "train.toml",
+    "train-long.toml",
+    "train-desks.toml",
+    "train-wide.toml",
+    "train-u2net.toml",
+)
 
 
 @pytest.mark.parametrize("recipe", RECIPES)

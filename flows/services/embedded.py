@@ -70,7 +70,8 @@ def quieten(out: Path) -> None:
 class Starting:
     """The services while they start: what takes long is begun on entering.
 
-    Use as a context; everything of our own ends with it.
+    Use as a context; everything of our own ends with it. Entering raises :class:`InputError` where
+    the Prefect that the user named cannot be used.
     """
 
     def __init__(self, out: Path, run: RunConfig) -> None:
@@ -84,6 +85,8 @@ class Starting:
         self._server: PrefectServer | None = None
         if self._api is None:
             self._server = self._stack.enter_context(_prefect_server(self._out))
+        else:
+            prefect_settings.check(self._api)
         self._mlflow = _Background(lambda: runs.initialise(self._tracking))
         return self
 

@@ -1,17 +1,21 @@
 """``mattgs ui``: MLflow's web interface on the benchmark's runs."""
 
 import os
+import signal
 import subprocess
 import sys
 import urllib.error
 import urllib.request
 import webbrowser
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from flows.services import embedded
 from mattgs_ops.errors import InputError, StageError
 
 ANSWER_SECONDS = 10.0  # that a server may take to say that it is there
+TERMINATED = 128 + signal.SIGTERM  # the exit code that shells give a program ended by it
 HINT = "In a benchmark, Views > Benchmark shows the tables' columns."
 
 
@@ -55,6 +59,24 @@ def _serve(out: Path, port: int) -> None:
         f"MLflow: http://127.0.0.1:{port} (starting takes some seconds; Ctrl-C ends). {HINT}\n"
     )
     sys.stdout.flush()
-    code = subprocess.run(command, check=False).returncode
-    if code not in (0, -2, 130):  # Ctrl-C reaches the server too
+    with _ended_too(subprocess.Popen(command, start_new_session=True)) as server:
+        code = server.wait()
+    if code != 0:
         raise StageError(f"MLflow's server ended with code {code}; is port {port} in use?")
+
+
+@contextmanager
+def _ended_too(server: "subprocess.Popen[bytes]") -> Iterator["subprocess.Popen[bytes]"]:
+    """Have a server and the processes it started end with this one, also by SIGTERM."""
+
+    def terminated(*_: object) -> None:
+        sys.exit(TERMINATED)
+
+    before = signal.signal(signal.SIGTERM, terminated)
+    try:
+        yield server
+    finally:
+        signal.signal(signal.SIGTERM, before)
+        with suppress(ProcessLookupError):
+            os.killpg(server.pid, signal.SIGTERM)
+        server.wait()

@@ -11,6 +11,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
+
+from mattgs_ops.errors import InputError
 
 HOME = Path(".prefect")  # below the user's home, Prefect's default
 
@@ -58,3 +61,23 @@ def using(api: str, *, logs: bool = True) -> Iterator[None]:
         updates[PREFECT_LOGGING_TO_API_ENABLED] = False
     with temporary_settings(updates):
         yield
+
+
+def check(api: str) -> None:
+    """Raise :class:`InputError` where the API of this address cannot be used.
+
+    Found out later it would be a hundred lines of Prefect's client, once photos were prepared.
+    """
+    from prefect.client.orchestration import get_client
+
+    parts = urlsplit(api)
+    shown = parts._replace(netloc=parts.netloc.rpartition("@")[2]).geturl()  # without a password
+    with using(api), get_client(sync_client=True) as client:
+        failed = client.api_healthcheck()
+        if failed is None:
+            try:
+                client.raise_for_api_version_mismatch()
+            except Exception as error:  # a RuntimeError, or the HTTP library's
+                failed = error
+    if failed is not None:
+        raise InputError(f"Prefect at {shown} cannot be used: {failed}") from failed

@@ -19,7 +19,8 @@ POLL_SECONDS = 0.2
 def serve(out: Path, port: int, names: list[str]) -> None:
     """Serve the deployments of ``prefect.yaml``, else the project's, until Ctrl-C.
 
-    Raises :class:`InputError` for a deployment that does not exist.
+    Raises :class:`InputError` for a deployment that does not exist, and where the Prefect that the
+    user named cannot be used.
 
     Where Prefect's settings name no API, a server is started on ``port``, its database below
     ``out``; it ends with this process. Reports are served on the next port, so that links in the
@@ -29,6 +30,8 @@ def serve(out: Path, port: int, names: list[str]) -> None:
     embedded.quieten(out)
     _check(names)
     url = prefect_settings.api_url()
+    if url is not None:
+        prefect_settings.check(url)
     with serving(out / "benchmarks", port + 1) as reports:
         if url is not None:
             _serve(url, reports, names, out)

@@ -1,13 +1,21 @@
 """The Prefect API is the one that Prefect itself would use; the home is the user's or our own."""
 
+import json
 import os
+import socket
 import subprocess
 import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 
+import prefect
 import pytest
 
-from flows.services.prefect_settings import configured
+from flows.services.prefect_settings import check, configured
+from mattgs_ops.errors import InputError
 
 PROFILE = 'active = "lab"\n[profiles.lab]\nPREFECT_API_URL = "http://profile/api"\n'
 LOOK = """
@@ -79,3 +87,42 @@ def test_every_place_that_prefect_reads_counts(
         monkeypatch.delenv(key, raising=False)
     write(tmp_path, file, text)
     assert configured() is expected
+
+
+@contextmanager
+def server_of_version(version: str) -> Iterator[str]:
+    """Serve the two answers that Prefect's client asks a server for before all others."""
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            body = json.dumps(version if self.path == "/api/admin/version" else True).encode()
+            self.send_response(200)
+            self.end_headers()
+            self.wfile.write(body)
+
+        def log_message(self, *_: object) -> None: ...
+
+    with HTTPServer(("127.0.0.1", 0), Handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{server.server_port}/api"
+        server.shutdown()
+
+
+def test_an_api_of_this_version_can_be_used() -> None:
+    with server_of_version(prefect.__version__) as api:
+        check(api)
+
+
+def test_an_api_of_another_version_is_named_before_the_run() -> None:
+    with (
+        server_of_version("2.20.1") as api,
+        pytest.raises(InputError, match=rf"^Prefect at {api} cannot be used: .*2\.20\.1"),
+    ):
+        check(api)
+
+
+def test_an_api_that_does_not_answer_is_named_without_its_password() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as nobody:
+        port = nobody.getsockname()[1]
+    with pytest.raises(InputError, match=rf"^Prefect at http://127\.0\.0\.1:{port}/api cannot"):
+        check(f"http://me:secret@127.0.0.1:{port}/api")

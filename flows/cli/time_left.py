@@ -71,7 +71,11 @@ def _left(one: Status, usual: float, now: float) -> float:
 
 
 def _by_its_pace(one: Status, now: float) -> float | None:
-    """Return what a running stage will have taken, None as long as nothing says."""
+    """Return what a running stage will have taken, None as long as nothing says.
+
+    Its pace is that since its progress last fell back: attempts differ in how much they do.
+    """
     if one.state != "running" or not one.total or one.done / one.total < FEWEST_SHARE:
         return None
-    return (now - one.started) * one.total / one.done
+    began = max(one.started, one.anew)
+    return began - one.started + (now - began) * one.total / one.done

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from mattgs_ops.capture.scene import PreparedCapture
+from mattgs_ops.naming import listed_names
 from mattgs_ops.sfm.colmap.job import Answer
 from mattgs_ops.sfm.colmap.moving_object import STANDS_STILL
 
@@ -24,6 +25,17 @@ AT_SMALL_ANGLES = (
 )
 MOST_NAMED = 3  # partners in one reason
 MOST_LISTED = 8  # views in one warning
+WITHOUT_CAMERA = "came without a camera"
+UNMATCHED = "is matched by no other photo (too far from its neighbours, or another scene)"
+ONLY_GROUP = "matches only photos of a second group"
+ONLY_LOST = "matches only photos that were not placed either"
+# of several views that are lost for one reason
+OF_SEVERAL = {
+    WITHOUT_CAMERA: WITHOUT_CAMERA,
+    UNMATCHED: "are matched by no other photo (too far from their neighbours, or another scene)",
+    ONLY_GROUP: "match only photos of a second group",
+    ONLY_LOST: "match only photos that were not placed either",
+}
 
 
 @dataclass(frozen=True)
@@ -53,9 +65,7 @@ def lost_views(capture: PreparedCapture, answer: Answer) -> list[LostView]:
         matched = tuple(answer.partners.get(view.name, ()))
         group = next((group for group in groups if view.name in group), None)
         sought = view.name in answer.keypoints
-        reason = (
-            "came without a camera" if not sought else _reason(keypoints, matched, placed, group)
-        )
+        reason = WITHOUT_CAMERA if not sought else _reason(keypoints, matched, placed, group)
         out.append(LostView(view.name, keypoints, masked, matched[:MOST_NAMED], reason))
     return out
 
@@ -75,20 +85,35 @@ def warnings(capture: PreparedCapture, answer: Answer) -> list[str]:
     total = len(capture.views)
     test = {view.name for view in capture.views if view.split == "test"}
     held_out = sum(view.name in test for view in lost)
-    listed = "; ".join(f"{view.name} {view.reason}" for view in lost[:MOST_LISTED])
-    more = f"; and {len(lost) - MOST_LISTED} more" if len(lost) > MOST_LISTED else ""
+    tests = f", {held_out} of them held out" if held_out else ""
     first = (
         f"only {total - len(lost)} of {total} views have a camera; nothing is trained or scored at "
-        f"the others, {held_out} of them held out: {listed}{more}"
+        f"the others{tests}: {_listed(lost)}"
     )
     out = [first]
     for group in second_groups(answer):
-        names = ", ".join(group[:MOST_LISTED]) + (", …" if len(group) > MOST_LISTED else "")
+        names = listed_names(group, MOST_LISTED)
         out.append(
             f"{len(group)} views form a second group that nothing ties to the first: {names}; take "
             "photos between the two, or run them as a capture of their own"
         )
     return out + advice(answer)
+
+
+def _listed(lost: Sequence[LostView]) -> str:
+    """Say of each view why it is lost; of those that are lost for one reason, once."""
+    by_reason: dict[str, list[LostView]] = {}
+    for view in lost:
+        shared = next((one for one in OF_SEVERAL if view.reason.startswith(one)), view.name)
+        by_reason.setdefault(shared, []).append(view)
+    told = [
+        f"{views[0].name} {views[0].reason}"
+        if len(views) == 1
+        else f"{listed_names([view.name for view in views], MOST_LISTED)} {OF_SEVERAL[reason]}"
+        for reason, views in by_reason.items()
+    ]
+    more = len(told) - MOST_LISTED
+    return "; ".join(told[:MOST_LISTED]) + (f"; and {more} more" if more > 0 else "")
 
 
 def advice(answer: Answer) -> list[str]:
@@ -111,14 +136,14 @@ def _reason(
     if keypoints < FEW_KEYPOINTS:
         return f"shows only {keypoints} key points (blurred, dark or without texture)"
     if not matched:
-        return "is matched by no other photo (too far from its neighbours, or another scene)"
+        return UNMATCHED
     ties = [(name, count) for name, count in matched if name in placed]
     if ties:
         return f"matches {_named(ties)}, too few or too contradictory to place it"
     best = _named(matched)
     if group is not None:
-        return f"matches only photos of a second group, {best}"
-    return f"matches only photos that were not placed either, {best}"
+        return f"{ONLY_GROUP}, {best}"
+    return f"{ONLY_LOST}, {best}"
 
 
 def _named(matched: Sequence[tuple[str, int]]) -> str:

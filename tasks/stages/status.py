@@ -3,7 +3,7 @@
 One file per stage, replaced atomically::
 
     {"title": "train rover nobg-ours seed 0", "stage": "train", "state": "running",
-     "done": 300, "total": 1000, "note": "24.1 dB", "started": 1763…, "updated": 1763…,
+     "done": 300, "total": 1000, "note": "24.1 dB", "started": 1763…, "updated": 1763…, "anew": 0,
      "process": 4711, "machine": "desk", "key": "train/3f0c…"}
 
 ``state`` is ``waiting``, ``running``, ``done``, ``cached`` or ``failed``, and reads as
@@ -43,6 +43,7 @@ class Status:
     process: int = 0  # that sees to the stage
     machine: str = ""  # that it runs on
     key: str = ""  # its place in the store, also of the run before until this one asks for it
+    anew: float = 0.0  # when its progress last fell back, as a further attempt's does; 0: never
 
     @property
     def seconds(self) -> float:
@@ -77,7 +78,11 @@ class StatusFile:
             return
         status = read(self.path)
         if status is not None and status.state == "running":
-            self._write(replace(status, done=done, total=total, note=note, updated=time.time()))
+            now = time.time()
+            fell = status.total > 0 and done * status.total < status.done * total
+            anew = now if fell else status.anew
+            reported = replace(status, done=done, total=total, note=note, updated=now, anew=anew)
+            self._write(reported)
 
     def end(self, state: State, note: str = "") -> None:
         """State how the stage ended, also where another run of the same name took its file away."""

@@ -1,5 +1,7 @@
 """How long a run still takes: counted by hand on small grids."""
 
+from dataclasses import replace
+
 import pytest
 
 from flows.cli.time_left import TYPICAL, in_words, seconds_left
@@ -44,6 +46,11 @@ def test_a_running_stage_goes_on_at_its_own_pace() -> None:
     stages = [done("train", 50), running("train", 10, 0.01)]
     assert seconds_left(stages, 1, NOW) == pytest.approx(40)
     assert seconds_left([done("train", 50), running("train", 80, 0.01)], 1, NOW) == 0
+
+
+def test_a_further_attempt_goes_on_at_the_pace_of_its_own() -> None:
+    attempt = replace(running("sfm", 130, 0.25), anew=NOW - 30)
+    assert seconds_left([attempt], 1, NOW) == pytest.approx(90)
 
 
 def test_what_was_in_the_store_says_nothing_about_speed() -> None:

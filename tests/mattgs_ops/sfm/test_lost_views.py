@@ -81,6 +81,21 @@ def test_a_second_group_is_told_and_how_to_join_it() -> None:
     assert "take photos between the two" in second
 
 
+def test_views_that_are_lost_for_one_reason_are_told_together() -> None:
+    first = warnings(capture_of(NAMES), answer_of(components=[NAMES[:4]]))[0]
+    assert "; g.jpg, h.jpg match only photos that were not placed either" in first
+    unmatched = warnings(capture_of(NAMES), answer_of(partners={}))[0]
+    assert "f.jpg, g.jpg, h.jpg are matched by no other photo" in unmatched
+    given = warnings(capture_of(NAMES), answer_of(keypoints={}))[0]
+    assert given.endswith(": e.jpg, f.jpg, g.jpg, h.jpg came without a camera")
+
+
+def test_held_out_views_are_counted_where_some_are_lost() -> None:
+    capture = capture_of(NAMES)
+    trained = replace(capture, views=tuple(replace(v, split="train") for v in capture.views))
+    assert "scored at the others: " in warnings(trained, answer_of())[0]
+
+
 def test_lost_views_of_an_object_on_a_turntable_come_with_what_to_do() -> None:
     turned = answer_of(fallbacks=[f"{STANDS_STILL}: {FROM_OBJECT}"])
     assert warnings(capture_of(NAMES), turned)[-1] == AT_SMALL_ANGLES

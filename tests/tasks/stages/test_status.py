@@ -2,6 +2,9 @@
 
 from pathlib import Path
 
+import pytest
+
+from tasks.stages import status
 from tasks.stages.status import StatusFile, read, read_all
 
 
@@ -16,6 +19,22 @@ def test_a_stage_is_followed_from_start_to_end(tmp_path: Path) -> None:
     file.end("done")
     (ended,) = read_all(tmp_path)
     assert (ended.state, ended.done, ended.note) == ("done", 10, "")
+
+
+def test_progress_that_falls_back_began_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(status, "THROTTLE_SECONDS", 0.0)
+    file = StatusFile(tmp_path / "sfm.json")
+    file.begin("sfm a", "sfm")
+    seen = []
+    for done, total in [(3, 10), (9, 10), (1, 20), (5, 20)]:
+        file.progress(done, total, "")
+        now = read(file.path)
+        assert now is not None
+        seen.append(now.anew - now.started)
+    assert max(seen[:2]) < 0, "never"
+    assert 0 <= seen[2] == seen[3] < 600
 
 
 def test_a_file_that_a_power_loss_left_empty_is_no_status(tmp_path: Path) -> None:

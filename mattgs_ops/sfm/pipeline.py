@@ -82,7 +82,7 @@ def reconstruct(
     if on_object < FEW_OBJECT_POINTS:
         extra["fallbacks"].append(
             f"{on_object} points on the object, fewer than {FEW_OBJECT_POINTS}: "
-            f"{config.random_points} random ones added inside the masks' visual hull"
+            f"{config.random_points:,} random ones added inside the masks' visual hull"
         )
         extra["points_source"] = (
             f"{source} and random in the visual hull"

@@ -117,6 +117,9 @@ DROPPED = """
 import gc, signal, sys, time
 from flows.cli import app, run
 
+# a shell has its background jobs ignore Ctrl-C, and tests may be one
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
 def callback(phase, info):
     gc.callbacks.remove(callback)
     signal.raise_signal(signal.SIGINT)

@@ -30,10 +30,9 @@ def serve(out: Path, port: int, names: list[str]) -> None:
     embedded.quieten(out)
     _check(names)
     url = prefect_settings.api_url()
-    if url is not None:
-        prefect_settings.check(url)
     with serving(out / "benchmarks", port + 1) as reports:
         if url is not None:
+            prefect_settings.check(url)
             _serve(url, reports, names, out)
             return
         with server(out, port) as own:

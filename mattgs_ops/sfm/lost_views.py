@@ -19,7 +19,7 @@ FEW_KEYPOINTS = 60  # COLMAP places an image on 30 inliers; twice as many are th
 # Below this share of the views a second attempt is made, and what comes out is still in doubt.
 MOST_VIEWS = 0.95
 # What is to be done where poses come from an object that turns before a camera
-AT_SMALL_ANGLES = (
+OBJECT_TURNS = (
     "the camera stands still before an object that turns, and poses come from its own key points "
     "alone: take photos at every 10 degrees or less, or walk around it"
 )
@@ -119,7 +119,7 @@ def _listed(lost: Sequence[LostView]) -> str:
 def advice(answer: Answer) -> list[str]:
     """Return what to do about views without a camera, where the way they were taken says it."""
     still = any(step.startswith(STANDS_STILL) for step in answer.fallbacks)
-    return [AT_SMALL_ANGLES] if still else []
+    return [OBJECT_TURNS] if still else []
 
 
 def in_doubt(capture: PreparedCapture, answer: Answer) -> bool:

@@ -24,7 +24,7 @@ from mattgs_ops.sfm.colmap.moving_object import (
     MOST_EXPLAINED,
     STANDS_STILL,
     explains_more,
-    share_denying,
+    share_contradicting,
     shares_explained,
 )
 from mattgs_ops.sfm.colmap.steps import UNITS, Attempt
@@ -197,16 +197,16 @@ def _of_whole_or_object(
     one, with the seconds of both.
     """
     before, positions = deepcopy(state.answer), [f.positions for f in found]
-    witnesses = {pair: one.on_object for pair, one in pairs.items() if one.on_object is not None}
+    on_object = {pair: one.on_object for pair, one in pairs.items() if one.on_object is not None}
 
     def explained(model: Any) -> tuple[float, float]:
         return shares_explained(
-            witnesses,
+            on_object,
             mapping.posed(model),
             lambda view, rows: mapping.rays_of(model, view, positions[view][rows]),
         )
 
-    motion, model, failure = {"denying": share_denying(witnesses)}, None, None
+    motion, model, failure = {"contradicting": share_contradicting(on_object)}, None, None
     of_placed = 0.0
     try:
         model = _place(state, found, pairs, cameras)

@@ -90,8 +90,8 @@ class Answer:
     components: list[list[str]] = field(default_factory=list)  # views by model, largest first
     # by view: photos that match it after verification with their inliers, best first
     partners: dict[str, list[tuple[str, int]]] = field(default_factory=dict)
-    # pairs that deny their whole photos, and pairs that the poses of each mode explain: shares of
-    # the pairs that show the object (moving_object)
+    # of the pairs that show the object, the shares of those that contradict their whole photos and
+    # of those that the poses of each mode explain (moving_object)
     object_motion: dict[str, float] = field(default_factory=dict)
     models: int = 0
     points: int = 0

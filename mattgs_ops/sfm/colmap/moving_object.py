@@ -1,10 +1,9 @@
 """Whether the object moves against what surrounds it, as on a turntable before a camera.
 
 Whole photos then show two motions. Poses that follow the surroundings, or mix both, are wrong for
-the object, and nothing in a reconstruction's own numbers says so. The witnesses here are the
-object's matches, those between key points inside masks: a pair *denies* the geometry of its whole
-photos when a geometry of the object alone explains more than twice as many of them. Worker process
-only.
+the object, and nothing in a reconstruction's own numbers says so. The object's matches, those
+between key points inside masks, say so: a pair *contradicts* the geometry of its whole photos when
+a geometry of the object alone explains more than twice as many of them. Worker process only.
 """
 
 from collections.abc import Callable, Mapping
@@ -19,9 +18,9 @@ from mattgs_ops.sfm.colmap.features import Matches, Pair
 Floats = NDArray[np.float64]
 
 FROM_OBJECT = "poses from inside masks alone"  # how the fallback ends that says so
-# Matches of an object's own geometry that are believed: COLMAP's default for placing a view. Parts
+# Matches that a geometry of the object needs: COLMAP's default for placing a view. Parts
 # that repeat, such as legs, match wrongly with 15 to 30 in a third of the hexapod's pairs.
-BELIEVED_MATCHES = 30
+FEWEST_MATCHES = 30
 STANDS_STILL = "most matches do not move"  # how the fallback begins of a camera that stands still
 LARGEST_ERROR = 4.0  # pixels from an epipolar line: COLMAP's default of two views' geometry
 # Of the pairs that show the object and whose views are placed: right poses explain 0.95 and 1 on
@@ -31,10 +30,13 @@ MOST_EXPLAINED = 0.75
 
 @dataclass(frozen=True)
 class ObjectMatches:
-    """A pair's matches on the object [M, 2]; ``deny``: the whole photos' geometry is not theirs."""
+    """A pair's matches on the object [M, 2].
+
+    ``contradicts``: the geometry of the whole photos does not explain them.
+    """
 
     matches: Matches
-    deny: bool
+    contradicts: bool
 
 
 def object_matches(
@@ -52,18 +54,22 @@ def object_matches(
     """
     its, explained = (m[inside[0][m[:, 0]] & inside[1][m[:, 1]]] for m in (matches, inliers))
     if 2 * len(explained) >= len(its):
-        return ObjectMatches(explained, deny=False) if len(explained) >= BELIEVED_MATCHES else None
-    own = verify(its) if len(its) >= BELIEVED_MATCHES else its[:0]
-    if len(own) < BELIEVED_MATCHES:
+        return (
+            ObjectMatches(explained, contradicts=False)
+            if len(explained) >= FEWEST_MATCHES
+            else None
+        )
+    own = verify(its) if len(its) >= FEWEST_MATCHES else its[:0]
+    if len(own) < FEWEST_MATCHES:
         return None
     rows = {tuple(match) for match in explained.tolist()}
     shared = sum(tuple(match) in rows for match in own.tolist())
-    return ObjectMatches(own, deny=2 * shared < len(own))
+    return ObjectMatches(own, contradicts=2 * shared < len(own))
 
 
-def share_denying(found: Mapping[Pair, ObjectMatches]) -> float:
-    """Return the share of the pairs with the object that deny their whole photos; 0 of none."""
-    return sum(one.deny for one in found.values()) / max(len(found), 1)
+def share_contradicting(found: Mapping[Pair, ObjectMatches]) -> float:
+    """Return the share of pairs that contradict their whole photos; 0 where there is no pair."""
+    return sum(one.contradicts for one in found.values()) / max(len(found), 1)
 
 
 def shares_explained(

@@ -16,7 +16,7 @@ from mattgs_ops.sfm.colmap.job import Answer
 from mattgs_ops.sfm.colmap.matching import partners
 from mattgs_ops.sfm.colmap.moving_object import FROM_OBJECT, STANDS_STILL
 from mattgs_ops.sfm.lost_views import (
-    AT_SMALL_ANGLES,
+    OBJECT_TURNS,
     in_doubt,
     lost_views,
     second_groups,
@@ -98,8 +98,8 @@ def test_held_out_views_are_counted_where_some_are_lost() -> None:
 
 def test_lost_views_of_an_object_on_a_turntable_come_with_what_to_do() -> None:
     turned = answer_of(fallbacks=[f"{STANDS_STILL}: {FROM_OBJECT}"])
-    assert warnings(capture_of(NAMES), turned)[-1] == AT_SMALL_ANGLES
-    assert AT_SMALL_ANGLES not in warnings(capture_of(NAMES), answer_of())
+    assert warnings(capture_of(NAMES), turned)[-1] == OBJECT_TURNS
+    assert OBJECT_TURNS not in warnings(capture_of(NAMES), answer_of())
     assert warnings(capture_of(NAMES), replace(turned, registered=NAMES)) == []
 
 

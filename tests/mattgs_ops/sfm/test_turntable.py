@@ -13,7 +13,7 @@ from mattgs_ops.capture.photos import read_rgb
 from mattgs_ops.capture.scene import PreparedCapture, Scene
 from mattgs_ops.config import SfmConfig
 from mattgs_ops.errors import StageError
-from mattgs_ops.sfm.lost_views import AT_SMALL_ANGLES
+from mattgs_ops.sfm.lost_views import OBJECT_TURNS
 from tests.mattgs_ops.conftest import print_texture
 
 Copy = Callable[..., PreparedCapture]
@@ -66,7 +66,7 @@ def test_poses_come_from_the_object_where_it_moves_against_the_room(
 def test_a_camera_that_walks_keeps_the_whole_photo(box_scene: Scene) -> None:
     assert box_scene.extra["mode"] == "shared"
     assert not box_scene.extra["fallbacks"]
-    assert box_scene.extra["object_motion"]["denying"] < 0.1
+    assert box_scene.extra["object_motion"]["contradicting"] < 0.1
 
 
 def test_a_plain_object_on_a_turntable_fails_with_what_to_do(copied: Copy, tmp_path: Path) -> None:
@@ -88,6 +88,6 @@ def test_a_plain_object_on_a_turntable_fails_with_what_to_do(copied: Copy, tmp_p
             tmp_path / "out",
             progress=lambda _, __, note: notes.append(note),
         )
-    assert str(failure.value).count(AT_SMALL_ANGLES) == 1
+    assert str(failure.value).count(OBJECT_TURNS) == 1
     begun = [next(n for n in notes if n.startswith(start)) for start in ("extract", "attempt 2, ")]
     assert notes.index(begun[0]) < notes.index(begun[1])  # the bar begins anew, and says why

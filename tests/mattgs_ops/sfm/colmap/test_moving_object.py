@@ -1,4 +1,4 @@
-"""Which pairs deny their whole photos, and which poses explain the matches of an object."""
+"""Which pairs contradict their whole photos, and which poses explain the matches of an object."""
 
 import numpy as np
 import pytest
@@ -6,12 +6,12 @@ from scipy.spatial.transform import Rotation
 
 from mattgs_ops.capture.camera import Camera, Intrinsics
 from mattgs_ops.sfm.colmap.moving_object import (
-    BELIEVED_MATCHES,
+    FEWEST_MATCHES,
     ObjectMatches,
     epipolar_error,
     explains_more,
     object_matches,
-    share_denying,
+    share_contradicting,
     shares_explained,
 )
 
@@ -38,7 +38,7 @@ def refuse(_: np.ndarray) -> np.ndarray:
 def test_whole_photos_that_explain_the_object_are_not_denied() -> None:
     found = object_matches(ALL, ALL[10:], INSIDE, refuse)
     assert found is not None
-    assert not found.deny
+    assert not found.contradicts
     assert found.matches.tolist() == ALL[10:40].tolist()
 
 
@@ -52,18 +52,18 @@ def test_whole_photos_are_denied_by_what_the_object_alone_explains() -> None:
     found = object_matches(ALL, ALL[26:], INSIDE, verify)  # 14 of its 40, of which 4 are in both
     assert asked == [ALL[:40].tolist()]
     assert found is not None
-    assert found.deny
+    assert found.contradicts
     assert len(found.matches) == 30
 
 
 def test_a_geometry_that_shares_half_of_its_matches_with_the_whole_photos_is_theirs() -> None:
     found = object_matches(ALL, ALL[22:], INSIDE, lambda matches: matches[10:])
     assert found is not None
-    assert not found.deny  # the whole photos' explains 18 of its 30
+    assert not found.contradicts  # the whole photos' explains 18 of its 30
 
 
 def test_matches_that_nothing_explains_say_nothing() -> None:
-    too_few = BELIEVED_MATCHES - 1
+    too_few = FEWEST_MATCHES - 1
     assert object_matches(ALL, ALL[40:], INSIDE, lambda matches: matches[:too_few]) is None
     nowhere = (np.zeros(60, bool), np.zeros(60, bool))
     assert object_matches(ALL, ALL, nowhere, refuse) is None
@@ -88,9 +88,9 @@ def test_the_object_alone_must_explain_half_of_what_whole_photos_leave(
 
 
 def test_the_share_is_of_pairs_that_show_the_object() -> None:
-    found = {(0, k): ObjectMatches(ALL, deny=k < 3) for k in range(1, 6)}
-    assert share_denying(found) == 0.4
-    assert share_denying({}) == 0.0
+    found = {(0, k): ObjectMatches(ALL, contradicts=k < 3) for k in range(1, 6)}
+    assert share_contradicting(found) == 0.4
+    assert share_contradicting({}) == 0.0
 
 
 def test_the_error_is_a_distance_from_epipolar_lines_in_pixels() -> None:
@@ -111,7 +111,9 @@ def test_poses_explain_the_pairs_whose_matches_lie_on_their_lines() -> None:
     cameras = {0: turned(0), 1: turned(20), 2: turned(40)}
     right = {view: rays(camera, points) for view, camera in cameras.items()}
     wrong = right | {2: right[2] + np.array([0.0, 20.0]) / LENS.fy}
-    found = {pair: ObjectMatches(ALL, deny=False) for pair in [(0, 1), (0, 2), (1, 2), (2, 3)]}
+    found = {
+        pair: ObjectMatches(ALL, contradicts=False) for pair in [(0, 1), (0, 2), (1, 2), (2, 3)]
+    }
     # view 3 has no pose
     assert shares_explained(found, cameras, lambda view, rows: right[view][rows]) == (0.75, 1.0)
     assert shares_explained(found, cameras, lambda view, rows: wrong[view][rows]) == (0.25, 1 / 3)

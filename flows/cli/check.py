@@ -1,5 +1,6 @@
 """``mattgs check``: a look at photos and masks before the long run."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,11 +8,13 @@ from rich.console import Console
 
 from flows.cli.terminal import bar, duration
 from flows.grid import cells
+from mattgs_ops.capture.masks import read_map
 from mattgs_ops.capture.prepare import prepare
 from mattgs_ops.capture.scene import PreparedCapture, View
 from mattgs_ops.config import BenchmarkConfig, CaptureConfig
 from mattgs_ops.errors import InputError, StageError
 from mattgs_ops.naming import listed_names
+from mattgs_ops.segment.contradictions import contradictions
 from mattgs_ops.segment.infer import segment
 from mattgs_ops.segment.inspect_photos import AT_SMALL_ANGLES, MOST_LISTED, Inspected, inspect
 from mattgs_ops.segment.mask_report import MaskReport
@@ -78,21 +81,40 @@ def _look(
         except StageError as error:
             raise InputError(str(error)) from error
     good = seen.placed >= FEWEST_PLACED * len(seen.names)
-    sheet = _sheet(prepared, report, out)
-    lines = [*_lines(prepared, seen, report, good=good), f"masks: {sheet}"]
+    views = [replace(view, mask=_mask_file(out, view.name)) for view in prepared.views]
+    sheet = _sheet(views, report, out)
+    masks = _about_masks(seen, report, views)
+    lines = [*_lines(prepared, seen, masks, good=good), f"masks: {sheet}"]
     all_placed = seen.placed >= MOST_VIEWS * len(seen.names)
     return lines, seconds(prepared, config) if good else None, all_placed
 
 
-def _lines(
-    capture: PreparedCapture, seen: Inspected, report: MaskReport, *, good: bool
-) -> list[str]:
-    sizes = sorted({f"{view.width}x{view.height}" for view in capture.views})
-    lines = [f"{len(seen.names)} photos, {', '.join(sizes)} pixels as they are used"]
-    lines += [f"! {problem}" for problem in seen.problems]
+def _mask_file(out: Path, name: str) -> Path:
+    return out / "segmented" / "masks" / f"{name}.png"
+
+
+def _about_masks(seen: Inspected, report: MaskReport, views: Sequence[View]) -> list[str]:
+    """Say which masks look wrong, each by itself or beside those of photos that show the same."""
+    lines = []
     flags = [f"{view.name} ({', '.join(view.flags)})" for view in report.flagged]
     if flags:
         lines.append(f"! masks that look wrong: {listed_names(flags, MOST_LISTED)}")
+    found = contradictions(seen.matches, [read_map(view.mask) for view in views if view.mask])
+    if found.views:
+        names = listed_names([seen.names[index] for index in found.views], MOST_LISTED)
+        lines.append(
+            f"! masks that contradict other photos' at points that both show: {names}; of all such "
+            f"points on the object {found.shared:.0%} are in both masks"
+        )
+    return lines
+
+
+def _lines(
+    capture: PreparedCapture, seen: Inspected, masks: Sequence[str], *, good: bool
+) -> list[str]:
+    sizes = sorted({f"{view.width}x{view.height}" for view in capture.views})
+    lines = [f"{len(seen.names)} photos, {', '.join(sizes)} pixels as they are used"]
+    lines += [*(f"! {problem}" for problem in seen.problems), *masks]
     count = f"{seen.placed} of {len(seen.names)} photos"
     if good:
         return [*lines, f"about {count} will get a camera"]
@@ -112,10 +134,8 @@ def seconds(capture: PreparedCapture, config: BenchmarkConfig) -> float:
     return A_PHOTO_AND_MEGAPIXEL * megapixels + A_PHOTO * count + trained / WORKERS
 
 
-def _sheet(capture: PreparedCapture, report: MaskReport, out: Path) -> Path:
+def _sheet(views: Sequence[View], report: MaskReport, out: Path) -> Path:
     """Draw the photos with their masks' outlines."""
-    masks = out / "segmented" / "masks"
-    views: list[View] = [replace(v, mask=masks / f"{v.name}.png") for v in capture.views]
     flags = {view.name: view.flags for view in report.views}
     with style():
         saved = draw(views, flags, out, "masks", "", all_registered=True)

@@ -29,7 +29,7 @@ def taken(
     the cores then are; while there are too few, ``waiting`` is called with whose they are,
     and again when that changes.
     """
-    names = [f"core-{number}" for number in sorted(os.sched_getaffinity(0))]
+    names = _names()
     needed = min(least, len(names))
     most = max(needed, most)
     with ExitStack() as held:
@@ -42,6 +42,17 @@ def taken(
             time.sleep(RETRY_SECONDS)
             count, holders = _take(held, names, needed, most, holder)
         yield max(least, count)
+
+
+def holders() -> list[str]:
+    """Return who holds cores of this machine, each once."""
+    names = _names()
+    with ExitStack() as held:
+        return _take(held, names, len(names), len(names), "")[1]
+
+
+def _names() -> list[str]:
+    return [f"core-{number}" for number in sorted(os.sched_getaffinity(0))]
 
 
 def _take(

@@ -249,17 +249,18 @@ def _all_attempts(stage: Stage, work: Path) -> float:
 @contextmanager
 def _turn(place: Place, stage: Stage, status: StatusFile) -> Iterator[int]:
     """Wait until the stage may run on this machine; yields its threads."""
+    mine = f"{place.benchmark} in {place.here}"
+
+    def tell(holders: list[str], wanted: str = "a core") -> None:
+        others = ", ".join(holder for holder in holders if holder not in (mine, ""))
+        status.progress(0, 0, f"waiting for {wanted}{others and ', held by '}{others}")
+
     if stage.alone:
-        status.progress(0, 0, "waiting for a quiet machine")
+        tell(cores.holders(), "a quiet machine")
         with quiet.alone():
             status.progress(0, 0, "")
             yield place.run.threads
         return
-    mine = f"{place.benchmark} in {place.here}"
-
-    def tell(holders: list[str]) -> None:
-        others = ", ".join(holder for holder in holders if holder not in (mine, ""))
-        status.progress(0, 0, f"waiting for a core{others and ', held by '}{others}")
 
     with (
         quiet.busy(lambda: status.progress(0, 0, "waiting until speed is measured")),

@@ -31,7 +31,7 @@ SIMILAR_BESIDE, SIMILAR_ALONE = 12, 24
 PREVIEW_FEATURES = 512  # the largest-scale features repeat best (Wu 2013, preemptive matching)
 # Farther apart than this, two views of one object share next to nothing that SIFT can match.
 WIDEST_ANGLE = 75.0
-STILL_SHARE = 2 / 480  # of the longest side: what moves less is in the same place (inspect_photos)
+STILL_SHARE = 2 / 480  # of the longest side: what moves less is in the same place (quick_matches)
 
 
 @dataclass(frozen=True)

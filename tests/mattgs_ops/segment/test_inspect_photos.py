@@ -12,9 +12,8 @@ from mattgs_ops.segment.inspect_photos import (
     STANDS_STILL,
     exposures,
     inspect,
-    linear_light,
-    pairs,
 )
+from mattgs_ops.segment.quick_matches import linear_light, pairs
 
 WIDTH, HEIGHT = 240, 180
 

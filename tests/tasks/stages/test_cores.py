@@ -89,3 +89,11 @@ def test_threads_never_outnumber_cores() -> None:
     assert not any(thread.is_alive() for thread in started)
     assert most[0] <= 4
     assert running[0] == 0
+
+
+def test_holders_of_cores_are_named_and_nothing_is_taken() -> None:
+    assert cores.holders() == []
+    with cores.taken(2, 2, "one"), cores.taken(1, 1, "other"):
+        assert cores.holders() == ["one", "other"]
+        with cores.taken(1, 4) as left:
+            assert left == 1

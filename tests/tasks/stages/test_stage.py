@@ -240,6 +240,11 @@ def test_a_stage_says_which_run_holds_the_cores_that_it_waits_for(place: Place) 
             waits = pool.submit(wait_and_go)
             wait_for(lambda: note() == "waiting until speed is measured")
         waits.result(60)
+        stage = replace(stage, alone=True)
+        with quiet.busy(), cores.taken(1, 1, "other in /a/folder"):
+            waits = pool.submit(wait_and_go)
+            wait_for(lambda: note() == "waiting for a quiet machine, held by other in /a/folder")
+        waits.result(60)
     assert note() == ""
 
 

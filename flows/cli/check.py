@@ -14,10 +14,11 @@ from mattgs_ops.capture.scene import PreparedCapture, View
 from mattgs_ops.config import BenchmarkConfig, CaptureConfig
 from mattgs_ops.errors import InputError, StageError
 from mattgs_ops.naming import listed_names
-from mattgs_ops.segment.contradictions import contradictions
+from mattgs_ops.segment.contradictions import LEAST_SHARED, contradictions
 from mattgs_ops.segment.infer import segment
 from mattgs_ops.segment.inspect_photos import AT_SMALL_ANGLES, MOST_LISTED, Inspected, inspect
 from mattgs_ops.segment.mask_report import MaskReport
+from mattgs_ops.segment.quick_matches import shrunk
 from mattgs_ops.sfm.lost_views import MOST_VIEWS
 from reports.figures.mask_sheets import draw
 from reports.figures.plots import style
@@ -99,12 +100,16 @@ def _about_masks(seen: Inspected, report: MaskReport, views: Sequence[View]) -> 
     flags = [f"{view.name} ({', '.join(view.flags)})" for view in report.flagged]
     if flags:
         lines.append(f"! masks that look wrong: {listed_names(flags, MOST_LISTED)}")
-    found = contradictions(seen.matches, [read_map(view.mask) for view in views if view.mask])
+    small = [shrunk(read_map(view.mask)) for view in views if view.mask]
+    places = {pair: matches.places for pair, matches in seen.matches.items()}
+    found = contradictions(places, small)
     if found.views:
         names = listed_names([seen.names[index] for index in found.views], MOST_LISTED)
+        lines.append(f"! masks that contradict other photos' at points that both show: {names}")
+    if found.shared is not None and found.shared < LEAST_SHARED:
         lines.append(
-            f"! masks that contradict other photos' at points that both show: {names}; of all such "
-            f"points on the object {found.shared:.0%} are in both masks"
+            f"! of the points that two photos show and one mask holds, both masks hold only "
+            f"{found.shared:.0%}: look at the masks, or bring your own (--masks)"
         )
     return lines
 

@@ -27,6 +27,7 @@ from mattgs_ops.capture.masks import (
 from mattgs_ops.capture.photos import read_rgb
 from mattgs_ops.capture.scene import PreparedCapture, Scene, View
 from mattgs_ops.object_masks.photo_evidence.edges import to_photo_edges
+from mattgs_ops.object_masks.shared_points import masks_at_shared_points
 from mattgs_ops.object_masks.silhouettes import CONTRADICT, iou
 from mattgs_ops.parallel import over_views
 from mattgs_ops.segment.mask_report import MaskReport, ViewReport, border_share, flags_of
@@ -80,9 +81,13 @@ def write(
     differs = [overlaps.get(one.row.name, 1.0) < CONTRADICT for one in written]
     shares, borders = [one.row.foreground for one in written], [one.border for one in written]
     flags = flags_of(shares, borders, differs)
-    reports = tuple(replace(one.row, flags=flag) for one, flag in zip(written, flags, strict=True))
-    MaskReport(before.source, "votes", before.model, reports).save(out / "masks.json")
     agreed_scene = Scene.load(out)
+    shared, contradict = masks_at_shared_points(agreed_scene, threads=threads)
+    reports = tuple(
+        replace(one.row, flags=(*flag, "contradicts") if one.row.name in contradict else flag)
+        for one, flag in zip(written, flags, strict=True)
+    )
+    MaskReport(before.source, "votes", before.model, reports).save(out / "masks.json")
     points = vote(agreed_scene.views, read_model(out / "sparse" / "0"), threads=threads)
     points = visual_hull.with_random(points, scene.points(), agreed_scene.views)
     sparse.write_ply(points, out / "points.ply")
@@ -95,6 +100,7 @@ def write(
             "kept": [one.row.name for one in written if one.overlap is None],
             "overlap": overlaps,
             "mean_iou_before": before.mean_iou,
+            "shared_points": {"share": shared.shared, "contradict": contradict},
         },
     }
     done = replace(agreed_scene, extra=extra)

@@ -12,6 +12,7 @@ import numpy as np
 
 from mattgs_ops.naming import listed_names
 from mattgs_ops.object_masks.silhouettes import CONTRADICT
+from mattgs_ops.segment.contradictions import LEAST_SHARED
 from mattgs_ops.segment.mask_report import FRAME_SHARE, MaskReport
 from mattgs_ops.sfm.colmap.moving_object import FROM_OBJECT
 
@@ -81,6 +82,12 @@ def _contradictions(agreement: Mapping[str, Any]) -> list[str]:
                 f"masks of different photos contradict each other: what the others say meets a "
                 f"photo's own map with a mean IoU of {best:.2f}, below {CONTRADICT}"
             )
+    share = (agreement.get("shared_points") or {}).get("share")
+    if share is not None and share < LEAST_SHARED:
+        notes.append(
+            f"masks of different photos contradict each other: of the points that two photos show "
+            f"and one mask holds, both masks hold {share:.0%}"
+        )
     overlaps = list((agreement.get("overlap") or {}).values())
     if overlaps and float(np.mean(overlaps)) < CONTRADICT:
         notes.append(

@@ -15,37 +15,45 @@ from numpy.typing import NDArray
 
 from mattgs_ops.capture.mask_files import THRESHOLD
 from mattgs_ops.capture.masks import Mask
-from mattgs_ops.segment.quick_matches import Floats, Matches, Pair, shrunk
 
 LEAST_SHARED = 0.5  # below it more points are in one mask alone than in both
 FEWEST_POINTS = 30  # COLMAP's bound for placing a view: fewer say nothing of a mask, either
+MOST_VIEWS = 0.5  # of the views must have as many points, or nothing is known of the capture
 
 
 @dataclass(frozen=True)
 class Contradictions:
     """``shared``: of the points that at least one mask of a pair holds, those that both hold.
 
-    From 0 to 1; 1 where there are fewer than :data:`FEWEST_POINTS`. ``views`` are the indices of
-    photos that contradict the others, in the order in which they were found.
+    From 0 to 1; None where fewer than half of the views have :data:`FEWEST_POINTS` such points.
+    ``views`` are the indices of photos that contradict the others, in the order in which they were
+    found.
     """
 
-    shared: float
+    shared: float | None
     views: tuple[int, ...]
 
 
-def contradictions(matches: Mapping[Pair, Matches], masks: Sequence[Mask]) -> Contradictions:
-    """Compare the photos' masks [H, W], 255 = object, at the points that two photos share."""
-    small = [shrunk(mask) >= THRESHOLD for mask in masks]
+def contradictions(
+    places: Mapping[tuple[int, int], NDArray[np.float32]], masks: Sequence[Mask]
+) -> Contradictions:
+    """Compare masks [H, W], 255 = object, at the points that two photos share.
+
+    ``places`` [M, 2, 2] are a pair's matched points, (x, y) in the first mask and in the second, in
+    pixels of the masks; the centre of the top-left one is at (0.5, 0.5).
+    """
     both, either = np.zeros((2, len(masks), len(masks)))
-    for (first, second), matched in matches.items():
-        here = _inside(small[first], matched.places[:, 0])
-        there = _inside(small[second], matched.places[:, 1])
+    for (first, second), matched in places.items():
+        here = _inside(masks[first], matched[:, 0])
+        there = _inside(masks[second], matched[:, 1])
         for counts, found in ((both, here & there), (either, here | there)):
             counts[first, second] = counts[second, first] = found.sum()
-    overall = float(_shares(both.sum() / 2, either.sum() / 2))  # each pair is there twice
+    known = (either.sum(axis=1) >= FEWEST_POINTS).mean() >= MOST_VIEWS
+    overall = float(both.sum() / either.sum()) if known else None
     views: list[int] = []
     while len(views) < len(masks):
-        shares = _shares(both.sum(axis=1), either.sum(axis=1))
+        found = either.sum(axis=1)
+        shares = np.where(found >= FEWEST_POINTS, both.sum(axis=1) / np.maximum(found, 1), 1.0)
         worst = int(shares.argmin())
         if shares[worst] >= LEAST_SHARED:
             break
@@ -55,14 +63,11 @@ def contradictions(matches: Mapping[Pair, Matches], masks: Sequence[Mask]) -> Co
     return Contradictions(overall, tuple(views))
 
 
-def _shares(both: Floats, either: Floats) -> Floats:
-    enough = either >= FEWEST_POINTS
-    return np.where(enough, both / np.maximum(either, 1), 1.0)
-
-
-def _inside(mask: NDArray[np.bool_], points: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Return which points (x, y) [M, 2] of OpenCV's pixel grid lie in a mask [H, W]."""
-    column, row = np.round(points).astype(np.int64).T
+def _inside(mask: Mask, points: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Return which points (x, y) [M, 2] lie in a mask [H, W]; those beside the frame do not."""
+    column, row = np.floor(points).astype(np.int64).T
     height, width = mask.shape
-    inside: NDArray[np.bool_] = mask[row.clip(0, height - 1), column.clip(0, width - 1)]
+    framed = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    inside = np.zeros(len(points), np.bool_)
+    inside[framed] = mask[row[framed], column[framed]] >= THRESHOLD
     return inside

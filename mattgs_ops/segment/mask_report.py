@@ -21,7 +21,8 @@ FRAME_SHARE = 0.25  # of the photo's border under the mask: cut off, or backgrou
 class ViewReport:
     """One photo: foreground share 0..1, and flags.
 
-    Flags are ``empty``, ``full``, ``outlier``, ``frame`` and ``differs``; see :func:`flags_of`.
+    Flags are ``empty``, ``full``, ``outlier``, ``frame`` and ``differs`` (:func:`flags_of`), and
+    ``contradicts`` (:mod:`mattgs_ops.segment.contradictions`).
     """
 
     name: str

@@ -46,7 +46,7 @@ class Matches:
     medians over the matches that lie on epipolar lines. ``moving`` counts the matches that moved
     and lie on epipolar lines of their own: those on the object, where the camera stands still.
     ``places`` are the points [M, 2, 2] that lie on either lines, (x, y) in the first photo and in
-    the second, in pixels of the small photos.
+    the second, in pixels of the small photos; the centre of the top-left one is at (0.5, 0.5).
     """
 
     moved: float
@@ -153,7 +153,7 @@ def _match(first: KeyPoints, second: KeyPoints) -> Matches | None:
         float(np.median(moves[on_lines])),
         float(np.median(lighter[on_lines])),
         len(of_moving),
-        np.stack([points[on_any], others[on_any]], axis=1),
+        np.stack([points[on_any], others[on_any]], axis=1) + np.float32(0.5),  # OpenCV's are at 0
     )
 
 

@@ -65,7 +65,17 @@ def write_no_keypoints(capture: PreparedCapture, path: Path) -> None:
     names = np.array([view.name for view in capture.views])
     counts = np.zeros(len(names), dtype=np.int64)
     xy, inside = np.zeros((0, 2), dtype=np.float32), np.zeros(0, dtype=bool)
-    np.savez_compressed(path, names=names, counts=counts, xy=xy, inside=inside)
+    none = np.zeros((0, 2), dtype=np.uint32)
+    np.savez_compressed(
+        path,
+        names=names,
+        counts=counts,
+        xy=xy,
+        inside=inside,
+        pairs=none,
+        pair_counts=none[:, 0],
+        matches=none,
+    )
 
 
 def _pinhole(i: Intrinsics) -> ColmapCamera:

@@ -56,8 +56,9 @@ def reconstruct(
     maps under the same names, which then come along as ``out/soft``. ``threads`` serve files,
     extraction and matching and never change a result. Besides the scene, ``out/sfm.log`` keeps
     COLMAP's log, ``out/keypoints.npz`` the key points (``names`` [V], ``counts`` [V], ``xy``
-    [K, 2] pixels of the scene's photos, ``inside`` [K]), ``out/points.ply`` the points and
-    ``out/sfm.png`` a picture of it all.
+    [K, 2] pixels of the scene's photos, ``inside`` [K]) and their verified matches (``pairs``
+    [P, 2] of views, ``pair_counts`` [P], ``matches`` [M, 2] rows of both views' key points; none
+    where cameras are given), ``out/points.ply`` the points and ``out/sfm.png`` a picture of it all.
 
     Raises :class:`InputError` for photos or masks that cannot be used, before any work, and
     :class:`StageError` when nothing, or fewer than ``config.min_registered`` of the views, could

@@ -10,14 +10,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from mattgs_ops.errors import StageError
 from mattgs_ops.progress import Progress
 from mattgs_ops.sfm.colmap import features, mapping, matching
 from mattgs_ops.sfm.colmap.features import Features, Matches, Pair, further_attempts
 from mattgs_ops.sfm.colmap.guides import Guides, beside, sets_of
-from mattgs_ops.sfm.colmap.job import DATABASE_FILE, KEYPOINTS_FILE, MODEL_FOLDER, Answer, Job
+from mattgs_ops.sfm.colmap.job import DATABASE_FILE, MODEL_FOLDER, Answer, Job
 from mattgs_ops.sfm.colmap.matching import Verified, partners
 from mattgs_ops.sfm.colmap.moving_object import (
     FROM_OBJECT,
@@ -81,7 +79,8 @@ def attempt(state: Attempt, better_than: Answer | None = None) -> None:
     """Reconstruct once; write model and key points unless ``better_than`` has as many views."""
     with state.step("extract"):
         found = _extract(state)
-    model = _reconstruct(state, [f.of_mode(state.answer.mode) for f in found])
+    mode = state.answer.mode
+    model = _reconstruct(state, [f.of_mode(mode) for f in found])
     answer = state.answer
     answer.registered = _names(state.job, model)
     answer.points = model.num_points3D()
@@ -91,7 +90,7 @@ def attempt(state: Attempt, better_than: Answer | None = None) -> None:
         folder = state.folder / MODEL_FOLDER
         folder.mkdir(exist_ok=True)
         model.write_binary(folder)
-        _write_keypoints(state, found)
+        state.write_keypoints(found, [f.rows_of_mode(mode) for f in found])
 
 
 def _names(job: Job, model: Any) -> list[str]:
@@ -127,16 +126,6 @@ def _extract(state: Attempt) -> list[Features]:
     return found
 
 
-def _write_keypoints(state: Attempt, found: Sequence[Features]) -> None:
-    np.savez(
-        state.folder / KEYPOINTS_FILE,
-        names=np.array([view.name for view in state.job.views]),
-        counts=np.array([len(f.inside) for f in found]),
-        xy=np.concatenate([f.keypoints[:, :2] for f in found]),
-        inside=np.concatenate([f.inside for f in found]),
-    )
-
-
 def _match(state: Attempt, found: Sequence[Features], cameras: Sequence[Any]) -> Pairs:
     """Match by looks what poses are to come from: whole photos, or their masked key points."""
     config, job, answer = state.config, state.job, state.answer
@@ -157,6 +146,8 @@ def _match(state: Attempt, found: Sequence[Features], cameras: Sequence[Any]) ->
         )
     answer.pairs[name] = len(pairs)
     answer.matches[name] = sum(len(v.matches) for v in out.values())
+    if name == "whole":
+        state.whole_matches = {pair: v.matches for pair, v in out.items()}
     inliers = {pair: len(v.matches) for pair, v in out.items()}
     answer.partners = partners(inliers, [view.name for view in job.views])
     if not out:

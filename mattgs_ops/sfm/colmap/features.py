@@ -62,9 +62,14 @@ class Features:
         """Pixels of the key points, [K, 2]."""
         return self.keypoints[:, :2].astype(np.float64)
 
+    def rows_of_mode(self, mode: str) -> NDArray[np.int64]:
+        """Return the rows of those key points, sorted."""
+        keep = {"original": self.whole, "masked": self.masked}.get(mode, self.whole | self.masked)
+        return np.flatnonzero(keep)
+
     def of_mode(self, mode: str) -> "Features":
         """Return the key points that a mode may use: ``original``, ``masked``, or ``shared``."""
-        keep = {"original": self.whole, "masked": self.masked}.get(mode, self.whole | self.masked)
+        keep = self.rows_of_mode(mode)
         return Features(
             self.keypoints[keep],
             self.descriptors[keep],

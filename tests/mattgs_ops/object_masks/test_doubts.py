@@ -28,6 +28,7 @@ def test_masks_that_agree_are_not_in_doubt() -> None:
         ({"silhouettes": 0.4, "votes": 0.45}, "contradict each other: .* 0.45"),
         ({"silhouettes": 0.4, "votes": None}, "contradict each other: .* 0.40"),
         ({"overlap": {"a": 0.3, "b": 0.5}}, "differ from the network's own: mean IoU 0.40"),
+        ({"shared_points": {"share": 0.44}}, "contradict each other: .* both masks hold 44%"),
     ],
 )
 def test_masks_that_contradict_each_other_or_the_network(
@@ -46,6 +47,9 @@ def test_masks_that_contradict_each_other_or_the_network(
         ({"silhouettes": 0.49, "votes": 0.49}, True),
         ({"overlap": {"a": 0.9, "b": 0.45, "c": 0.2}}, False),  # on average 0.52
         ({"overlap": {"a": 0.9, "b": 0.45, "c": 0.1}}, True),  # 0.48
+        ({"shared_points": {"share": 0.5}}, False),
+        ({"shared_points": {"share": 0.49}}, True),
+        ({"shared_points": {"share": None}}, False),  # too few points to tell
     ],
 )
 def test_agreement_is_in_doubt_below_a_half(agreement: dict[str, object], doubted: bool) -> None:

@@ -12,7 +12,8 @@ The photos are the second test: no object ends in the middle of even black cloth
 therefore multiplied by the share of the outlines, of votes and of maps, that lies on photos' edges.
 Where votes score at least as well, they are the masks, even against a view's own map; on plain
 ground only where outlines of the maps miss edges, and theirs lie on them at least as much. Where
-both edges and silhouettes surely prefer the maps, votes change nothing (``vote_checks``).
+both edges and silhouettes surely prefer the maps, votes make no masks and correct no outline
+(``vote_checks``).
 Elsewhere a view's own map is corrected, not replaced: the average of own map, silhouettes and
 votes, weighted by their agreement; of own map and votes along its outline, for which silhouettes
 are too coarse, and on plain ground. Own maps stay where that surely leads outlines away from

@@ -136,6 +136,14 @@ def test_added_splats_stand_beside_opaque_ones(splats: Splats) -> None:
     assert add(splats, adam, 0, DEAD, np.random.default_rng(5)) is splats
 
 
+def test_splats_that_let_nothing_through_are_shared_in_finite_numbers(splats: Splats) -> None:
+    splats.opacity_logits[:] = 50.0  # opacity 1 to the bit
+    more = add(splats, Adam(splats), 8, DEAD, np.random.default_rng(5))
+    assert bool(torch.isfinite(more.opacity_logits).all())
+    assert bool(torch.isfinite(more.log_scales).all())
+    assert float(more.opacity_logits.sigmoid().min()) > 0.999
+
+
 def test_noise_has_the_splats_shape_and_spares_opaque_ones(splats: Splats) -> None:
     before, strength = copied(splats), 3.0
     shake(splats, strength, np.random.default_rng(11))

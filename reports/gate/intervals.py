@@ -34,8 +34,6 @@ def interval_of(number: Judged, level: float, among: float = 0.0, cells: int = 0
     rounding = rounding_noise([number])
     shared = level if rounding is None else _halved(level)
     by_spread = _by_spread(number, shared, among, cells)
-    if by_spread.mean == by_spread.half == 0:
-        return by_spread  # the same to the bit: a deterministic run has no noise to add
     enough = cells >= SPREAD_LEAST or not number.moved
     return _narrower(by_spread, rounding, shared, tolerance, spread=enough)
 
@@ -54,7 +52,7 @@ def _by_spread(number: Judged, level: float, among: float, cells: int) -> Interv
         interval = statistics.paired(changes, dict.fromkeys(changes, 0.0), level)
         assert interval is not None  # changes hold complete pairs
         if interval.mean == interval.half == 0:
-            return interval
+            return interval  # the same to the bit: a deterministic run has no noise to add
         half = math.hypot(interval.half, run)
         return Interval(interval.mean, interval.mean - half, interval.mean + half, interval.samples)
     mean = change_of(number)

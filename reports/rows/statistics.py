@@ -81,8 +81,6 @@ def outliers(values: Mapping[str, float]) -> list[str]:
     numbers = np.array(list(values.values()), dtype=np.float64)
     away = np.abs(numbers - np.median(numbers))
     scale = NORMAL_MAD * float(np.median(away)) or NORMAL_MEAN_AD * float(away.mean())
-    if scale == 0:
-        return []
     return [name for name, far in zip(values, away, strict=True) if far > OUTLYING * scale]
 
 

@@ -39,7 +39,7 @@ def test_the_centre_is_where_the_camera_stands() -> None:
 
 def test_the_frame_holds_its_first_edges_and_not_its_last() -> None:
     places = [(0, 0), (7.99, 5.99), (8, 3), (4, 6), (-0.01, 3), (np.nan, 3), (np.inf, 3), (4, 3)]
-    depths = np.array([1.0] * 7 + [0.0])
+    depths = np.array([1.0, 1e-9, *[1.0] * 5, 0.0])  # however near, and never at the camera itself
     found = in_frame(np.array(places), depths, (PINHOLE.width, PINHOLE.height))
     assert found.tolist() == [True, True, *[False] * 6]
 

@@ -46,6 +46,28 @@ def test_clean_keeps_a_second_large_part_and_background_at_the_border() -> None:
     assert clean(np.zeros((9, 9), np.uint8)).max() == 0
 
 
+def test_parts_from_two_percent_of_the_largest_stay() -> None:
+    mask = np.zeros((60, 60), np.uint8)
+    mask[0:10, 0:50] = mask[10:20, 0:50] = 255  # 1,000 pixels
+    mask[30, 0:20] = 255
+    for step in range(20):
+        mask[35 + step, step] = 255  # corners touch: one part of 20 pixels
+    expected = mask.copy()
+    mask[30, 30:49] = 255  # 19 pixels
+    assert np.array_equal(clean(mask), expected)
+    assert np.array_equal(clean(expected), expected)
+
+
+def test_holes_below_a_share_of_the_object_are_filled_where_they_are_closed() -> None:
+    mask = np.full((100, 100), 255, np.uint8)  # holes of 5 pixels are too large, of 4 are not
+    mask[10, 10:15] = mask[0, 50] = mask[99, 50] = mask[50, 0] = mask[50, 99] = 0
+    expected = mask.copy()
+    mask[20, 20:24] = 0
+    for step in range(6):
+        mask[40 + step, 40 + step] = 0  # corners do not join holes
+    assert np.array_equal(clean(mask), expected)
+
+
 def test_parts_that_are_mostly_unseen_are_apart_from_the_largest() -> None:
     mask, seen = np.zeros((20, 40), np.bool_), np.zeros((20, 40), np.bool_)
     mask[2:18, 2:18] = True  # the largest: never apart, though little of it is seen
@@ -101,3 +123,14 @@ def test_boundary_f_forgives_within_its_tolerance_only() -> None:
     empty = np.zeros_like(truth)
     assert boundary_f(empty, truth) == 0
     assert boundary_f(empty, empty) == 1
+
+
+def test_boundary_f_by_hand() -> None:
+    truth, found = np.zeros((20, 30), np.uint8), np.zeros((20, 30), np.uint8)
+    truth[5:15, 5:15] = 255  # an outline of 36 pixels
+    found[5:15, 5:25] = 255  # twice as wide: one of 56
+    # three sides agree, 28 pixels, and of each outline one pixel more at either end is beside them
+    precision, recall = 30 / 56, 30 / 36
+    expected = 2 * precision * recall / (precision + recall)
+    assert boundary_f(found, truth, 1) == pytest.approx(expected)
+    assert boundary_f(truth, found, 1) == pytest.approx(expected)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mattgs_ops.capture import visual_hull
-from mattgs_ops.capture.camera import Camera, Intrinsics
+from mattgs_ops.capture.camera import Camera, Intrinsics, in_frame
 from mattgs_ops.capture.masks import read_map
 from mattgs_ops.capture.scene import PreparedCapture
 from mattgs_ops.capture.sparse import inside
@@ -73,6 +73,39 @@ def test_colours_know_nothing_of_test_photos(box_capture: PreparedCapture, tmp_p
     np.testing.assert_array_equal(clean.rgb, other.rgb)
 
 
+def test_a_colour_is_the_mean_of_the_training_photos_whose_masks_hold_the_point(
+    box_capture: PreparedCapture,
+) -> None:
+    points = visual_hull.fill(box_capture.views, 20, seed=6)
+    assert len(np.unique(points.rgb, axis=0)) > 1
+    colours: list[list[np.ndarray]] = [[] for _ in points.xyz]
+    for view in box_capture.views:
+        if view.split == "test" or view.camera is None or view.mask is None:
+            continue
+        photo, mask = np.asarray(cv2.imread(str(view.photo))), read_map(view.mask)
+        for place, (x, y) in enumerate(view.camera.project(points.xyz)[0]):
+            column, row = int(np.floor(x)), int(np.floor(y))
+            if 0 <= column < view.width and 0 <= row < view.height and mask[row, column]:
+                colours[place].append(photo[row, column, ::-1])  # OpenCV reads blue first
+    assert points.views_seen.tolist() == [len(seen) for seen in colours]
+    expected = [np.mean(seen, axis=0) for seen in colours]
+    np.testing.assert_allclose(points.rgb, expected, atol=0.5 + 1e-9)
+
+
+@pytest.mark.parametrize(("bad", "carved"), [(1, False), (2, True)])
+def test_one_bad_mask_of_ten_carves_nothing_away_and_two_do(bad: int, carved: bool) -> None:
+    lens, cameras = Intrinsics(24, 18, 20.0, 20.0, 12.0, 9.0), []
+    for angle in np.linspace(0, 2 * np.pi, 10, endpoint=False):
+        forward = np.array([np.cos(angle), np.sin(angle), 0.0])
+        rotation = np.stack([[-forward[1], forward[0], 0.0], [0.0, 0.0, 1.0], forward])
+        cameras.append(Camera(lens, rotation, np.array([0.0, 0.0, 3.0])))
+    masks = [np.full((18, 24), 255 * (place >= bad), np.uint8) for place in range(10)]
+    points = visual_hull.sample(cameras, masks, 50, np.random.default_rng(0))
+    before_bad = [in_frame(*camera.project(points), (24, 18)) for camera in cameras[:bad]]
+    assert len(points) == 50
+    assert bool(np.all(before_bad, axis=0).any()) != carved
+
+
 def test_a_view_in_which_nothing_was_found_carves_nothing(
     box_capture: PreparedCapture, tmp_path: Path
 ) -> None:
@@ -103,6 +136,12 @@ def test_random_points_stay_with_a_model_and_leave_where_masks_no_longer_are(
         right.append(replace(view, mask=tmp_path / f"{view.name}.png"))
     fewer = visual_hull.with_random(model, before, right)
     assert len(model.xyz) < len(fewer.xyz) < len(before.xyz)
+    nowhere = np.zeros((180, 240), np.uint8)
+    nowhere[0, 0] = 255  # a hull that holds none of them says nothing of them
+    cv2.imwrite(str(tmp_path / "nowhere.png"), nowhere)
+    elsewhere = [replace(view, mask=tmp_path / "nowhere.png") for view in views]
+    stayed = visual_hull.with_random(model, before, elsewhere)
+    np.testing.assert_array_equal(stayed.xyz, before.xyz)
 
 
 @pytest.mark.parametrize("along", [-3.0, 0.0, 50.0])

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from mattgs_ops.store import lock
 from mattgs_ops.store.cleaning import clean, in_use
 from mattgs_ops.store.keys import StageKey, stage_key
 from mattgs_ops.store.store import Finished, Store
@@ -155,6 +156,16 @@ def test_a_lock_that_is_cleaned_away_is_waited_for_no_longer(store: Store) -> No
             assert other, "another file, another lock"
     with store.lock(LOST) as mine:
         assert mine
+
+
+def test_a_lock_is_worth_nothing_on_a_file_that_is_gone_or_replaced(tmp_path: Path) -> None:
+    path = tmp_path / "lock"
+    with path.open("ab") as file:
+        assert lock.is_at(file, path)
+        path.unlink()
+        assert not lock.is_at(file, path)
+        path.touch()
+        assert not lock.is_at(file, path)
 
 
 def test_a_folder_without_a_store_is_clean(tmp_path: Path) -> None:

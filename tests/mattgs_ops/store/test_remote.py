@@ -146,6 +146,32 @@ def test_a_download_leaves_an_interrupted_stage_nothing(tmp_path: Path, url: str
     assert not list((tmp_path / "one" / "work").iterdir())
 
 
+def test_one_machine_brings_several_results_of_a_stage(tmp_path: Path, url: str) -> None:
+    keys = [stage_key("train", "c0de", {"steps": steps}, {}) for steps in (1, 2)]
+    for key in keys:
+        with Store(tmp_path / "one", url).stage(key) as slot:
+            (slot.work / "a.txt").write_text(str(key))
+            slot.finish()
+    two = Store(tmp_path / "two", url)
+    for key in keys:
+        assert (two.fetch(key).folder / "a.txt").read_text() == str(key)
+
+
+def test_what_a_kill_left_beside_the_work_is_no_part_of_the_result(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    with store.stage(KEY, resume=True) as slot:
+        (slot.work / "a.txt").write_text("result")
+        (slot.work.parent / "manifest.json").write_text('{"files": ')
+        (slot.work.parent / "coming" / "sub").mkdir(parents=True)
+    with store.stage(KEY, resume=True) as slot:
+        slot.finish()
+    assert sorted(path.name for path in (tmp_path / str(KEY)).iterdir()) == [
+        "files",
+        "manifest.json",
+    ]
+    assert (store.require(KEY).folder / "a.txt").read_text() == "result"
+
+
 def test_another_machine_goes_on_from_the_newest_draft(tmp_path: Path, url: str) -> None:
     one, two = Store(tmp_path / "one", url), Store(tmp_path / "two", url)
     with one.stage(KEY, resume=True) as slot:

@@ -109,6 +109,12 @@ def test_an_empty_result_is_refused(tmp_path: Path) -> None:
     assert Store(tmp_path).find(KEY) is None
 
 
+def test_what_json_cannot_hold_enters_no_manifest(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="JSON compliant"):
+        make(Store(tmp_path), loss=float("nan"))
+    assert Store(tmp_path).find(KEY) is None
+
+
 def test_require_names_what_is_missing(tmp_path: Path) -> None:
     with pytest.raises(StageError, match=re.escape(str(KEY))):
         Store(tmp_path).require(KEY)

@@ -154,6 +154,13 @@ def test_spread_among_cells_is_what_one_explanation_leaves() -> None:
     assert of(0.0, 0.1, 0.2, 0.3) == pytest.approx(1.4826 * math.sqrt(4 / 2) * 0.05)
 
 
+def test_as_many_groups_as_cells_but_one_leave_one_freedom() -> None:
+    cells = {"a nobg one": 0.0, "a nobg two": 0.1, "b nobg one": 1.0, "c nobg one": 5.0}
+    numbers = [number("psnr", views(change), cell) for cell, change in cells.items()]
+    # captures leave 0.05 in two cells of four, and their medians took three of four freedoms
+    assert spread_among(numbers) == pytest.approx(1.4826 * math.sqrt(4 / 1) * 0.025)
+
+
 def test_over_all_cells_captures_are_strata_of_views() -> None:
     three = [
         number("psnr", views(0.1, 0.3, 0.2) | views(0.3, 0.1, 0.4, seed=1)),

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from reports.gate import baseline
+from reports.gate import compare as module
 from reports.gate.compare import compare
-from reports.gate.findings import Verdict
-from reports.gate.tolerances import TOLERANCES, Tolerance
+from reports.gate.findings import ALL_CELLS, Verdict
+from reports.gate.tolerances import SHARES, TOLERANCES, Tolerance, confidence
 from reports.rows.schema import Row
 
 DRAWS, LOSSES = 60, 20
@@ -23,6 +24,7 @@ VIEWS, SHARE = 48, 0.9  # of which so many register
 SCORES = [t for t in TOLERANCES if t.kind == "difference"]
 RATIOS = [t for t in TOLERANCES if t.kind == "ratio"]
 SPEEDS = [t for t in TOLERANCES if t.kind == "speed"]
+MORE_IS_BETTER = {"psnr", "ssim", "mask_psnr", "mask_ssim", "detail_psnr", "detail_ssim", "fps"}
 Rows = list[Row]
 Shift = Callable[[Row, float], Row]
 
@@ -165,6 +167,45 @@ def test_registered_views_are_draws_between_machines_and_exact_on_one(
     assert sum(worse(int(a), int(b), unlike=True) for a, b in draws) <= MOST_FALSE
     assert worse(VIEWS // 3, round(VIEWS * SHARE), unlike=True)
     assert all(worse(int(a), int(b), unlike=False) == (a < b) for a, b in draws[:20])
+
+
+@named([*SCORES, *RATIOS, *SPEEDS])
+def test_a_gain_is_more_of_what_is_good_and_less_of_what_is_bad(
+    rows: Rows, only: Callable[[Tolerance], None], tolerance: Tolerance
+) -> None:
+    only(tolerance)
+    gain = 0.3 if tolerance.metric in MORE_IS_BETTER else -0.3
+    for change, verdict, told in ((gain, Verdict.BETTER, 0.3), (-gain, Verdict.WORSE, -0.3)):
+        report = compare([moved(tolerance, row, change) for row in rows], rows)
+        (finding,) = [f for f in report.findings if f.cell == ALL_CELLS]
+        assert finding.verdict == verdict
+        assert finding.change is not None
+        share = told if tolerance.kind == "difference" else np.expm1(told)
+        assert finding.change.mean == pytest.approx(share)
+
+
+@pytest.mark.parametrize("numbers", [1, 7])
+def test_chances_of_a_false_alarm_add_up_to_one_percent(numbers: int) -> None:
+    """Whatever how many numbers a family has; an alarm is one end of a two-sided interval."""
+    chances = [numbers * (1 - confidence(*family, numbers)) / 2 for family in SHARES]
+    assert sum(chances) == pytest.approx(0.01)
+
+
+def test_over_all_cells_an_alarm_is_shared_among_no_fewer_numbers_than_there_are(
+    old: Rows, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shared: dict[str, int] = {}
+
+    def heard(aspect: str, scope: str, checks: int) -> float:
+        if scope == "all":
+            shared[aspect] = checks
+        return 0.99
+
+    monkeypatch.setattr(module, "confidence", heard)
+    report = compare(old, old)
+    for aspect, checks in shared.items():
+        assert checks >= sum(f.cell == ALL_CELLS and f.aspect == aspect for f in report.findings)
+    assert (shared["cost"], shared["size"]) == (2, 2)
 
 
 def test_every_metric_of_the_table_is_tried() -> None:

@@ -106,6 +106,20 @@ def reason(new: Row, old: Row) -> str:
     return "; ".join(f.reason for f in compare([new], [old]).findings if f.metric == "rows")
 
 
+def test_an_input_that_one_side_alone_had_is_another_input(old: Rows) -> None:
+    inputs = old[0]["provenance"]["inputs"] | {"masks": "d9"}
+    masked = old[0] | {"provenance": old[0]["provenance"] | {"inputs": inputs}}
+    assert reason(masked, old[0]) == reason(old[0], masked) == "other inputs: masks"
+    assert not reason(masked, masked)
+
+
+def test_held_out_views_that_one_side_lacks_are_named(old: Rows) -> None:
+    fewer = old[0] | {"per_view": old[0]["per_view"][:1]}
+    names = "0008.jpg, 0016.jpg, 0024.jpg, 0032.jpg and 1 more"
+    assert reason(old[0], fewer) == f"other held-out views: {names}"
+    assert reason(fewer, old[0]) == f"held-out views are missing: {names}"
+
+
 def test_a_leak_of_a_view_that_was_not_scored_is_named(old: Rows) -> None:
     held_out = next(v["view"] for v in old[0]["per_view"] if v["split"] == "test")
     healthy = trained(old[0], "a.jpg", "b.jpg")

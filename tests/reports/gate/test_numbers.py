@@ -71,6 +71,16 @@ def test_what_is_wrong_is_said_of_the_side_that_it_is_wrong_with(
     assert collect(key_of(before), optional, [pair]) == (None, "" if neither else words)
 
 
+def test_nobody_asks_for_scores_that_need_labels_or_true_masks_all_else_must_be_there(
+    before: Row,
+) -> None:
+    views = [{"view": view["view"], "split": "test"} for view in before["per_view"]]
+    bare = before | {"per_view": views, "metrics": {}, "registration": None, "masks": None}
+    told = {t.metric: collect(key_of(before), t, [(bare, bare)])[1] for t in TOLERANCES}
+    optional = {metric for metric, problem in told.items() if not problem}
+    assert optional == {"paper_l1", "detail_psnr", "detail_ssim", "mean_iou"}
+
+
 def test_laps_are_compared_as_far_as_both_have_them(before: Row) -> None:
     def laps(*seconds: float) -> Row:
         return before | {"repeats": {"time": [{"value": s, "calibration": 0.5} for s in seconds]}}

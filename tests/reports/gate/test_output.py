@@ -55,6 +55,20 @@ def test_a_quiet_gate_says_how_well_it_sees_and_no_more(old: Rows) -> None:
     assert second.startswith("A loss in all cells would be named from: PSNR 0.10 dB, ")
 
 
+def test_a_finding_tells_what_each_side_had_in_a_cell_and_on_average(old: Rows) -> None:
+    def rows(loss: float) -> Rows:
+        out = [row | {"per_view": [dict(view) for view in row["per_view"]]} for row in old]
+        for place, row in enumerate(out):
+            for view, part in zip(row["per_view"], (-1, 1, -2, 2, -3, 3), strict=True):
+                view["psnr"] = 20 + place + part - loss
+        return out
+
+    findings = json.loads(output.to_json(compare(rows(0.5), rows(0.0))))["findings"]
+    told = {f["cell"]: (f["before"], f["after"]) for f in findings if f["metric"] == "psnr"}
+    assert told["rover/original-3dgs@1000x320"] == (20, 19.5)
+    assert told[ALL_CELLS] == (25.5, 25), "12 cells from 20 to 31"
+
+
 def test_findings_know_how_bad_they_are() -> None:
     bad = Finding(
         "c", "quality", "psnr", Verdict.WORSE, change=statistics.sample([-0.4, -0.4]), margin=0.1

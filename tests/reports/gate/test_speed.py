@@ -36,6 +36,17 @@ def test_a_speed_that_is_none_has_no_calibrated_value(
     assert speed.calibrated(row | {"repeats": {"time": laps}}, "time") == {}
 
 
+@pytest.mark.parametrize("calibration", [None, 0, 0.0, -0.5, "fast", {}, {"seconds": 0}])
+def test_without_a_workload_that_took_time_there_is_no_calibrated_value(
+    make_row: Callable[..., Row], calibration: object
+) -> None:
+    row = make_row("rover", "nobg", "3dgs")
+    row["provenance"]["calibration"] = calibration
+    assert speed.calibrated(row, "time") == speed.calibrated(row, "fps") == {}
+    laps = [{"value": 2.0, "calibration": 0.5}, {"value": 2.0, "calibration": calibration}]
+    assert speed.calibrated(row | {"repeats": {"time": laps}}, "time") == {}
+
+
 @pytest.mark.parametrize("field", ["cpu", "cores", "threads", "cpu_kind", "workload"])
 def test_speed_of_another_machine_is_not_compared_and_excused(old: Rows, field: str) -> None:
     def move(row: Row) -> None:

@@ -44,6 +44,13 @@ def test_views_and_seeds_are_crossed_random_factors(seeds_matter: bool) -> None:
     assert (found.mean, found.low, found.high, found.samples) == pytest.approx(expected, rel=1e-9)
 
 
+def test_views_whose_seeds_contradict_each_other_prove_nothing() -> None:
+    """Every view and every seed has the mean 0.5, so that all that varies is what is left."""
+    found = statistics.crossed(np.array([[1.5, -0.5], [-0.5, 1.5]]))
+    half = float(stats.t.ppf(0.975, 1))  # its mean square is 4, of four entries
+    assert (found.low, found.high) == pytest.approx((0.5 - half, 0.5 + half))
+
+
 @pytest.mark.parametrize(
     ("low", "high", "beyond"),
     [(0.1, 0.3, True), (-0.3, -0.1, True), (0.0, 0.3, False), (-0.3, 0.0, False), (-1, 1, False)],
@@ -78,6 +85,15 @@ def test_one_value_says_nothing_of_spread() -> None:
     found = statistics.sample([0.5])
     assert (found.low, found.high) == (-np.inf, np.inf)
     assert not found.excludes_zero()
+
+
+def test_two_values_have_an_interval_of_one_freedom() -> None:
+    student = float(stats.t.ppf(0.975, 1))
+    for found in (statistics.sample([0.1, 0.3]), statistics.stratified([[0.1, 0.3]])):
+        half = student * 0.1  # their deviation, 0.2 / √2, over √2
+        assert (found.low, found.high) == pytest.approx((0.2 - half, 0.2 + half))
+    found = statistics.stratified([[1.0, 1.2], [5.0]])
+    assert found.half == pytest.approx(student * np.sqrt((0.1**2 + 0.1**2) / 3))
 
 
 @pytest.mark.parametrize(("views", "seeds"), [(6, 1), (6, 3), (12, 5)])

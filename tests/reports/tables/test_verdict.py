@@ -69,6 +69,37 @@ def test_the_first_sentence_counts_captures(make_row: Callable[..., Row]) -> Non
     assert verdict.overall(better) is None, "one capture speaks for itself"
 
 
+def test_scores_of_the_object_and_of_the_frame_have_no_common_mean(
+    make_row: Callable[..., Row],
+) -> None:
+    pairs = {name: pair(make_row, [0.5] * 6) for name in ("a", "b", "c")}
+    for row in pairs["c"]:  # a capture without masks
+        for view in row["per_view"]:
+            view["psnr"] += 9.0 if row["method"] == "ours" else 0.0
+            del view["mask_psnr"]
+    rows = [row | {"capture": name} for name, both in pairs.items() for row in both]
+    found = verdict.overall(rows)
+    assert found is not None
+    assert found.headline.startswith(
+        "Without backgrounds, Ours gains over 3DGS on 2 of 3 captures and is not measured by the "
+        "same score on 1; on average +0.50 dB inside the mask, "
+    )
+
+
+def test_what_the_background_costs_is_told_of_3dgs(make_row: Callable[..., Row]) -> None:
+    kept, removed = (make_row("rover", background, "3dgs") for background in ("original", "nobg"))
+    kept["metrics"] |= {"size_mb": 9.0, "time": 100.0}
+    removed["metrics"] |= {"size_mb": 4.5, "time": 25.0}
+    for view, base in zip(removed["per_view"], kept["per_view"], strict=True):
+        view["mask_psnr"] = base["mask_psnr"] + 0.4
+    (found,) = verdict.verdicts([kept, removed])
+    (told,) = found.details
+    start, numbers = told.split(": ")
+    assert start == "Removing the background, with 3DGS"
+    assert numbers == "PSNR in mask +0.40 dB; size × 0.50; time × 0.25."
+    assert verdict.verdicts([removed])[0].details == ()
+
+
 def of_cell(row: Row, capture: str, background: str) -> Row:
     condition = f"{background}-{row['method']}"
     return row | {"capture": capture, "background": background, "condition": condition}

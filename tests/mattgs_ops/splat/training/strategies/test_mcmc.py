@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from mattgs_ops.config import TrainConfig
 from mattgs_ops.method import METHODS, McmcConfig, MethodConfig
 from mattgs_ops.splat.gaussians import Splats
+from mattgs_ops.splat.training.checkpoint import TrainingState
 from mattgs_ops.splat.training.optimise import FIELDS, Adam
 from mattgs_ops.splat.training.schedule import Schedule
 from mattgs_ops.splat.training.strategies.mcmc import (
@@ -134,6 +136,14 @@ def test_added_splats_stand_beside_opaque_ones(splats: Splats) -> None:
     assert add(splats, adam, 0, DEAD, np.random.default_rng(5)) is splats
 
 
+def test_splats_that_let_nothing_through_are_shared_in_finite_numbers(splats: Splats) -> None:
+    splats.opacity_logits[:] = 50.0  # opacity 1 to the bit
+    more = add(splats, Adam(splats), 8, DEAD, np.random.default_rng(5))
+    assert bool(torch.isfinite(more.opacity_logits).all())
+    assert bool(torch.isfinite(more.log_scales).all())
+    assert float(more.opacity_logits.sigmoid().min()) > 0.999
+
+
 def test_noise_has_the_splats_shape_and_spares_opaque_ones(splats: Splats) -> None:
     before, strength = copied(splats), 3.0
     shake(splats, strength, np.random.default_rng(11))
@@ -171,6 +181,45 @@ def test_the_weights_are_gradients_of_the_penalty(splats: Splats) -> None:
     assert scales.grad is not None
     torch.testing.assert_close(opacity.grad, torch.full((8,), of_opacity))
     torch.testing.assert_close(scales.grad, torch.full((8, 3), of_scale))
+
+
+def stepped(splats: Splats, step: int, most: int = 1000, noise: float = 0.0) -> TrainingState:
+    """Return what a training of 1,000 steps has after ``step``; rates of positions are doubled."""
+    config = TrainConfig().model_copy(update={"max_splats": most})
+    schedule = Schedule.of(config, 1000, 1.0, mcmc=True)
+    strategy = McmcStrategy(McmcConfig(noise=noise, growth=0.3), config, schedule, 2.0)
+    state = TrainingState.start(splats, 0)
+    unread: Any = None  # what the step observed and showed
+    strategy.after_step(state, step, unread, unread)
+    return state
+
+
+@pytest.mark.parametrize(
+    ("step", "most", "count", "counters"),
+    [
+        (100, 1000, 10, {"relocated": 2, "added": 2, "capped": 0}),  # 1.3 × 8, rounded down
+        (100, 10, 10, {"relocated": 2, "added": 2, "capped": 1}),
+        (100, 9, 9, {"relocated": 2, "added": 1, "capped": 1}),
+        (100, 5, 8, {"relocated": 2, "added": 0, "capped": 1}),  # began with more
+        (101, 1000, 8, {}),  # not due
+    ],
+)
+def test_at_a_relocation_splats_grow_by_their_share_up_to_the_most(
+    splats: Splats, step: int, most: int, count: int, counters: dict[str, int]
+) -> None:
+    state = stepped(splats, step, most)
+    assert len(state.splats) == len(state.record.seen) == count
+    assert state.counters == counters
+
+
+def test_every_step_shakes_by_the_rate_of_positions(splats: Splats) -> None:
+    before, noise = copied(splats), 1000.0
+    still = stepped(copied(splats), 101).splats
+    state = stepped(splats, 101, noise=noise)
+    rate = Schedule.of(TrainConfig(), 1000, 1.0, mcmc=True).position_rate(101)
+    shake(before, 2.0 * rate * noise, TrainingState.start(before, 0).streams["mcmc"])
+    assert torch.equal(state.splats.means, before.means)
+    assert not torch.equal(state.splats.means, still.means)
 
 
 def test_the_published_schedule_and_short_ones() -> None:

@@ -51,10 +51,11 @@ pycolmap.match_exhaustive(database, matching_options=matching)
 mapping = pycolmap.IncrementalPipelineOptions()
 mapping.num_threads = threads
 models = pycolmap.incremental_mapping(database, photos, out, mapping)
-best = max(models.values(), key=lambda model: model.num_reg_images())
-(out / "best").mkdir()
-best.write_binary(out / "best")
-print(best.compute_mean_reprojection_error())
+if models:
+    best = max(models.values(), key=lambda model: model.num_reg_images())
+    (out / "best").mkdir()
+    best.write_binary(out / "best")
+    print(best.compute_mean_reprojection_error())
 """
 
 
@@ -88,6 +89,8 @@ def theirs(capture: PreparedCapture, scratch: Path, threads: int) -> str:
     seconds = time.perf_counter() - began, _children() - used
     if done.returncode:
         raise InputError(f"pycolmap ended with {done.returncode}:\n{done.stderr[-2000:]}")
+    if not (out / "best").is_dir():  # no two photos could be placed
+        return row(capture, "pycolmap, defaults", threads, {}, 0, float("nan"), seconds)
     error = float(done.stdout.split()[-1])
     model = read_model(out / "best")
     pinholes = {number: pinhole_conversion(c).pinhole for number, c in model.cameras.items()}

@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 from flows.cli import gate, operate, results
-from flows.cli.arguments import DEFAULT_OUT, Out
+from flows.cli.arguments import DEFAULT_OUT, NamedPhotos, Out, Photos, one_folder
 from flows.cli.making import captures, segment
 from mattgs_ops.errors import InputError, MattgsError
 
@@ -50,11 +50,10 @@ def options_of_all(
 
 @app.command()
 def run(
+    photos: Photos = None,
+    named: NamedPhotos = None,
     config: Annotated[
         Path | None, typer.Option(help="Benchmark as a TOML file; other options override it.")
-    ] = None,
-    photos: Annotated[
-        Path | None, typer.Option(help="A folder of photos of one object, from all sides.")
     ] = None,
     capture: Annotated[
         Path | None,
@@ -120,7 +119,7 @@ def run(
     merged = options.benchmark_config(
         config,
         {
-            "photos": photos,
+            "photos": one_folder("run", photos, named),
             "capture": capture,
             "video": video,
             "frames": frames,
@@ -145,12 +144,8 @@ def run(
 
 @app.command()
 def check(
-    photos: Annotated[
-        Path | None, typer.Argument(help="A folder of photos of one object, from all sides.")
-    ] = None,
-    named: Annotated[
-        Path | None, typer.Option("--photos", help="The same, as `mattgs run` takes it.")
-    ] = None,
+    photos: Photos = None,
+    named: NamedPhotos = None,
     capture: Annotated[
         Path | None,
         typer.Option(
@@ -174,9 +169,7 @@ def check(
     from flows.cli.check import check as look
     from mattgs_ops.capture.photos import mark_output
 
-    if photos is not None and named is not None:
-        raise InputError(f"check: expected one folder of photos, found {photos} and {named}")
-    photos = photos or named
+    photos = one_folder("check", photos, named)
     given = {"photos": photos, "capture": capture, "masks": masks}
     merged = options.benchmark_config(config, given)
     if photos is None and capture is None and config is None:

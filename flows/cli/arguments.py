@@ -5,5 +5,18 @@ from typing import Annotated
 
 import typer
 
+from mattgs_ops.errors import InputError
+
 DEFAULT_OUT = Path("mattgs-out")
 Out = Annotated[Path, typer.Option("--out", help="Folder for everything that is produced.")]
+Photos = Annotated[
+    Path | None, typer.Argument(help="A folder of photos of one object, from all sides.")
+]
+NamedPhotos = Annotated[Path | None, typer.Option("--photos", help="The same folder, by name.")]
+
+
+def one_folder(command: str, photos: Path | None, named: Path | None) -> Path | None:
+    """Return the folder of photos, which may be given with or without ``--photos``, once."""
+    if photos is not None and named is not None:
+        raise InputError(f"{command}: expected one folder of photos, found {photos} and {named}")
+    return photos or named

@@ -77,13 +77,16 @@ def test_all_captures_of_a_file_are_looked_at(tmp_path: Path) -> None:
     assert "a full run takes" not in result.output
 
 
-def test_photos_may_be_named_as_for_a_run(tmp_path: Path) -> None:
+@pytest.mark.parametrize("command", ["check", "run"])
+def test_photos_may_be_named_or_not(tmp_path: Path, command: str) -> None:
+    out = ["--out", str(tmp_path / "out")]
     missing = str(tmp_path / "missing")
-    result = CliRunner().invoke(app, ["check", "--photos", missing, "--out", str(tmp_path)])
-    assert isinstance(result.exception, InputError)
-    assert "missing: expected a folder of photos, found nothing" in str(result.exception)
-    result = CliRunner().invoke(app, ["check", "a", "--photos", "b", "--out", str(tmp_path)])
-    assert "found a and b" in str(result.exception)
+    for given in ([missing], ["--photos", missing]):
+        result = CliRunner().invoke(app, [command, *given, *out])
+        assert isinstance(result.exception, InputError)
+        assert "missing: expected a folder of photos, found nothing" in str(result.exception)
+    result = CliRunner().invoke(app, [command, "a", "--photos", "b", *out])
+    assert str(result.exception) == f"{command}: expected one folder of photos, found a and b"
 
 
 def test_without_photos_there_is_nothing_to_check(tmp_path: Path) -> None:

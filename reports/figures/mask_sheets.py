@@ -16,6 +16,7 @@ from reports.figures.plots import Saved, save
 from reports.rows.schema import Row, capture_name
 
 LANES = 6
+LONGEST_NAME = 27  # letters that fit above one of LANES photos
 OUTLINE = (255, 40, 30)
 SOURCES = {
     "given": "came with the photos",
@@ -62,9 +63,17 @@ def draw(
         lost = view.camera is None and not all_registered
         doubts = [*flags.get(view.name, ()), *(["no camera"] if lost else [])]
         colour = "#b3261e" if doubts else "black"
-        axes.set_title(", ".join([view.name, *doubts]), fontsize=6, color=colour, pad=2)
+        axes.set_title(title(view.name, doubts), fontsize=6, color=colour, pad=2)
     clear(places[None, len(drawn) :])
     return save(figure, folder, slug, caption, pictorial=True)
+
+
+def title(name: str, doubts: Sequence[str]) -> str:
+    """Return a photo's name, without its middle where it is too long, and a line of doubts."""
+    if len(name) > LONGEST_NAME:
+        kept = (LONGEST_NAME - 1) // 2
+        name = f"{name[:kept]}…{name[-kept:]}"
+    return f"{name}\n{', '.join(doubts)}" if doubts else name
 
 
 def _caption(capture: str, scene: Scene, drawn: int, flags: Flags, place: Path) -> str:
@@ -80,7 +89,7 @@ def _caption(capture: str, scene: Scene, drawn: int, flags: Flags, place: Path) 
     flagged = "; ".join(f"{name}: {', '.join(some)}" for name, some in flags.items() if some)
     network = int(agreement.get("network") or 0)
     if network:
-        whose += f"; network {network} of the model file was heard, surely better than their mean"
+        whose += f"; network {network} of the model file is used, surely better than their mean"
     return (
         f"{capture_name(capture)}. Outlines of the masks, {count}. Masks {whose}. "
         f"{f'Flags: {flagged}.' if flagged else 'No photo carries a flag.'}"

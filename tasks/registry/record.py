@@ -39,10 +39,10 @@ KEPT = {
         "truth/test": "truth/test",
         "masks/test": "masks/test",
     },
-    "segment": {"masks.json": ""},
+    "segment": {"masks.json": "scene"},
     "sfm": {"scene.json": "scene", "points.npz": "scene", "sfm.png": "scene", "sfm.log": "logs"},
     # where views voted, theirs are the masks and the points that trainings start from
-    "agree": {"masks.json": "", "scene.json": "scene", "points.npz": "scene"},
+    "agree": {"masks.json": "scene", "scene.json": "scene", "points.npz": "scene"},
 }
 
 

@@ -14,6 +14,7 @@ from PIL import Image, ImageFilter
 
 from mattgs_ops.capture.camera import Camera, Intrinsics
 from mattgs_ops.capture.scene import Scene, SparsePoints, View
+from mattgs_ops.segment.mask_report import MaskReport, ViewReport
 
 Row = dict[str, Any]
 SIZE = (96, 72)  # width, height
@@ -152,6 +153,9 @@ def write_scene(folder: Path, capture: str) -> None:
         views_seen=np.full(300, 3, np.int32),
     )
     Scene(capture, folder, tuple(views), {"mode": "shared"}).save(points)
+    flags = [("frame",) if index == 1 else () for index in range(VIEWS)]
+    reports = (ViewReport(v.name, 0.3, f, None) for v, f in zip(views, flags, strict=True))
+    MaskReport("u2net", "votes", None, tuple(reports)).save(folder / "masks.json")
 
 
 def look_at(centre: np.ndarray) -> Camera:

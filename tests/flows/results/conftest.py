@@ -13,7 +13,8 @@ from tests.reports.conftest import pictured
 __all__ = ["pictured"]
 
 Row = dict[str, Any]
-STAGES = {"train": "train", "evaluate": "evaluate", "scene": "sfm"}  # a row's names → stages
+# a row's names → stages
+STAGES = {"train": ("train",), "evaluate": ("evaluate",), "scene": ("sfm", "agree")}
 
 
 @pytest.fixture(autouse=True)
@@ -23,12 +24,11 @@ def embedded_registry(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def files_of(row: Row, root: Path, copies: Path) -> list[tuple[Path, str]]:
     """List what a run keeps of a row's folders, by the table that the real thing goes by."""
-    found = []
-    for name, stage in STAGES.items():
+    found: list[tuple[Path, str]] = []
+    for name, stages in STAGES.items():
         folder = root / row["artifacts"][name]
-        for file, place in record.KEPT[stage].items():
-            if (folder / file).exists():
-                found.append((folder / file, place))
+        kept = {file: place for stage in stages for file, place in record.KEPT[stage].items()}
+        found += [(folder / f, place) for f, place in kept.items() if (folder / f).exists()]
     scene = Scene.load(root / row["artifacts"]["scene"])
     view = scene.example_view()
     assert view is not None

@@ -32,7 +32,7 @@ def scene(folder: Path, agreement: dict[str, Any]) -> Scene:
         ({"masks": "votes", "network": 0}, "Masks were voted on by the training views."),
         (
             {"masks": "maps", "network": 2},
-            "by the training views; network 2 of the model file was heard, surely better than t",
+            "by the training views; network 2 of the model file is used, surely better than t",
         ),
         ({"none": "the photos' maps share no object"}, "Masks are the network's."),
     ],
@@ -46,3 +46,11 @@ def test_the_caption_says_whose_masks_they_are(
     assert drawn is not None
     assert says in drawn.caption
     assert drawn.png.is_file()
+
+
+def test_a_title_fits_above_its_photo() -> None:
+    assert mask_sheets.title("IMG_1.jpg", []) == "IMG_1.jpg"
+    assert mask_sheets.title("IMG_1.jpg", ["frame", "no camera"]) == "IMG_1.jpg\nframe, no camera"
+    long = mask_sheets.title("left__DSC_0001_copy_of_copy.jpg", [])
+    assert len(long) == mask_sheets.LONGEST_NAME
+    assert long == "left__DSC_000…y_of_copy.jpg"

@@ -5,7 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from typer.testing import CliRunner, Result
 
 from flows.cli.app import app
 from flows.cli.check import A_STEP, A_TRAINING, FURTHER_ATTEMPTS, seconds
@@ -23,15 +23,34 @@ def some(folder: Path, count: int) -> Path:
     return folder
 
 
+def checked(photos: Path, out: Path) -> Result:
+    return CliRunner().invoke(app, ["check", str(photos), "--out", str(out)])
+
+
 def test_photos_are_looked_at_and_masks_drawn(tmp_path: Path) -> None:
     photos = some(tmp_path / "photos", 5)
-    result = CliRunner().invoke(app, ["check", str(photos), "--out", str(tmp_path / "out")])
+    result = checked(photos, tmp_path / "out")
     assert result.exit_code == 0, result.output
     assert "5 photos, 800x600 pixels" in result.output
     assert "about 5 of 5 photos will get a camera" in result.output
     assert "a full run takes about" in result.output
     sheet = tmp_path / "out" / "checks" / "photos" / "masks.png"
     assert np.asarray(cv2.imread(str(sheet))).shape[1] > 500
+
+
+def test_masks_that_hold_another_half_in_each_photo_contradict_each_other(tmp_path: Path) -> None:
+    photos, masks = some(tmp_path / "photos", 5), tmp_path / "halves"
+    masks.mkdir()
+    for index, path in enumerate(sorted(photos.iterdir())):
+        half = np.zeros((600, 800), np.uint8)
+        half[:, 400 * (index % 2) : 400 + 400 * (index % 2)] = 255
+        cv2.imwrite(str(masks / f"{path.name}.png"), half)
+    options = ["--masks", str(masks), "--out", str(tmp_path / "out")]
+    result = CliRunner().invoke(app, ["check", str(photos), *options])
+    assert result.exit_code == 0, result.output
+    assert "! masks that contradict other photos' at points that both show: " in result.output
+    assert "one mask holds, both masks hold only" in result.output
+    assert "contradict" not in checked(photos, tmp_path / "out").output  # the network's own
 
 
 def test_photos_that_have_nothing_in_common_end_with_two(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from rich.console import Console
 
 from flows.cli.terminal import bar, duration
 from flows.grid import cells
-from mattgs_ops.capture.masks import read_map
+from mattgs_ops.capture.masks import mask_name, read_map
 from mattgs_ops.capture.prepare import prepare
 from mattgs_ops.capture.scene import PreparedCapture, View
 from mattgs_ops.config import BenchmarkConfig, CaptureConfig
@@ -18,7 +18,7 @@ from mattgs_ops.segment.contradictions import LEAST_SHARED, contradictions
 from mattgs_ops.segment.infer import segment
 from mattgs_ops.segment.inspect_photos import AT_SMALL_ANGLES, MOST_LISTED, Inspected, inspect
 from mattgs_ops.segment.mask_report import MaskReport
-from mattgs_ops.segment.quick_matches import shrunk
+from mattgs_ops.segment.quick_matches import shrunk_mask
 from mattgs_ops.sfm.lost_views import MOST_VIEWS
 from reports.figures.mask_sheets import draw
 from reports.figures.plots import style
@@ -82,16 +82,13 @@ def _look(
         except StageError as error:
             raise InputError(str(error)) from error
     good = seen.placed >= FEWEST_PLACED * len(seen.names)
-    views = [replace(view, mask=_mask_file(out, view.name)) for view in prepared.views]
+    masks = out / "segmented" / "masks"
+    views = [replace(view, mask=masks / mask_name(view.name)) for view in prepared.views]
     sheet = _sheet(views, report, out)
-    masks = _about_masks(seen, report, views)
-    lines = [*_lines(prepared, seen, masks, good=good), f"masks: {sheet}"]
+    about_masks = _about_masks(seen, report, views)
+    lines = [*_lines(prepared, seen, about_masks, good=good), f"masks: {sheet}"]
     all_placed = seen.placed >= MOST_VIEWS * len(seen.names)
     return lines, seconds(prepared, config) if good else None, all_placed
-
-
-def _mask_file(out: Path, name: str) -> Path:
-    return out / "segmented" / "masks" / f"{name}.png"
 
 
 def _about_masks(seen: Inspected, report: MaskReport, views: Sequence[View]) -> list[str]:
@@ -100,7 +97,7 @@ def _about_masks(seen: Inspected, report: MaskReport, views: Sequence[View]) -> 
     flags = [f"{view.name} ({', '.join(view.flags)})" for view in report.flagged]
     if flags:
         lines.append(f"! masks that look wrong: {listed_names(flags, MOST_LISTED)}")
-    small = [shrunk(read_map(view.mask)) for view in views if view.mask]
+    small = [shrunk_mask(read_map(view.mask)) for view in views if view.mask]
     places = {pair: matches.places for pair, matches in seen.matches.items()}
     found = contradictions(places, small)
     if found.views:

@@ -5,6 +5,8 @@ has chosen. They tell of masks what silhouettes cannot, as those only bound an o
 hold another part in each photo predict each other's outlines well enough where photos are few.
 """
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,8 +14,7 @@ from mattgs_ops.capture.masks import mask_name, read_map
 from mattgs_ops.capture.scene import Scene
 from mattgs_ops.parallel import over_views
 from mattgs_ops.segment.contradictions import Contradictions, contradictions
-
-KEYPOINTS_FILE = "keypoints.npz"
+from mattgs_ops.sfm.colmap.job import KEYPOINTS_FILE
 
 
 def masks_at_shared_points(scene: Scene, *, threads: int = 1) -> tuple[Contradictions, list[str]]:
@@ -27,12 +28,13 @@ def masks_at_shared_points(scene: Scene, *, threads: int = 1) -> tuple[Contradic
     return found, [names[index] for index in found.views]
 
 
-def _places(arrays: dict[str, NDArray[np.float32]]) -> dict[tuple[int, int], NDArray[np.float32]]:
+def _places(arrays: dict[str, NDArray[Any]]) -> dict[tuple[int, int], NDArray[np.float64]]:
     """Return each pair's matched points [M, 2, 2] in pixels of both photos."""
+    xy = arrays["xy"].astype(np.float64)
     starts = np.cumsum(arrays["counts"]) - arrays["counts"]
     rows = np.split(arrays["matches"].astype(np.int64), np.cumsum(arrays["pair_counts"])[:-1])
     pairs = [(int(first), int(second)) for first, second in arrays["pairs"]]
     return {
-        pair: arrays["xy"][matches + starts[list(pair)]]
+        pair: xy[matches + starts[list(pair)]]
         for pair, matches in zip(pairs, rows, strict=False)  # of no pair, one empty part
     }

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mattgs_ops.capture.mask_files import THRESHOLD
 from mattgs_ops.capture.masks import Mask
+from mattgs_ops.capture.sparse import inside
 
 LEAST_SHARED = 0.5  # below it more points are in one mask alone than in both
 FEWEST_POINTS = 30  # COLMAP's bound for placing a view: fewer say nothing of a mask, either
@@ -35,17 +35,18 @@ class Contradictions:
 
 
 def contradictions(
-    places: Mapping[tuple[int, int], NDArray[np.float32]], masks: Sequence[Mask]
+    places: Mapping[tuple[int, int], NDArray[np.float64]], masks: Sequence[Mask]
 ) -> Contradictions:
-    """Compare masks [H, W], 255 = object, at the points that two photos share.
+    """Compare masks [H, W], 0 or 255 = object, at the points that two photos share.
 
     ``places`` [M, 2, 2] are a pair's matched points, (x, y) in the first mask and in the second, in
     pixels of the masks; the centre of the top-left one is at (0.5, 0.5).
     """
     both, either = np.zeros((2, len(masks), len(masks)))
     for (first, second), matched in places.items():
-        here = _inside(masks[first], matched[:, 0])
-        there = _inside(masks[second], matched[:, 1])
+        before = np.ones(len(matched))  # what a photo shows is before its camera
+        here = inside(masks[first], matched[:, 0], before)
+        there = inside(masks[second], matched[:, 1], before)
         for counts, found in ((both, here & there), (either, here | there)):
             counts[first, second] = counts[second, first] = found.sum()
     known = (either.sum(axis=1) >= FEWEST_POINTS).mean() >= MOST_VIEWS
@@ -61,13 +62,3 @@ def contradictions(
         for counts in (both, either):
             counts[worst, :] = counts[:, worst] = 0
     return Contradictions(overall, tuple(views))
-
-
-def _inside(mask: Mask, points: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Return which points (x, y) [M, 2] lie in a mask [H, W]; those beside the frame do not."""
-    column, row = np.floor(points).astype(np.int64).T
-    height, width = mask.shape
-    framed = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-    inside = np.zeros(len(points), np.bool_)
-    inside[framed] = mask[row[framed], column[framed]] >= THRESHOLD
-    return inside

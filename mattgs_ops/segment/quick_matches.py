@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from mattgs_ops.capture.mask_files import THRESHOLD
+
 SIDE = 480  # pixels of the longest side at which photos are matched
 FEATURES = 1500  # SIFT key points a photo
 RATIO = 0.8  # Lowe 2004: nearest against second nearest
@@ -52,7 +54,7 @@ class Matches:
     moved: float
     stops: float
     moving: int
-    places: NDArray[np.float32]
+    places: Floats
 
 
 def pairs(count: int) -> list[Pair]:
@@ -153,7 +155,7 @@ def _match(first: KeyPoints, second: KeyPoints) -> Matches | None:
         float(np.median(moves[on_lines])),
         float(np.median(lighter[on_lines])),
         len(of_moving),
-        np.stack([points[on_any], others[on_any]], axis=1) + np.float32(0.5),  # OpenCV's are at 0
+        np.stack([points[on_any], others[on_any]], axis=1).astype(np.float64) + 0.5,  # OpenCV: at 0
     )
 
 
@@ -174,7 +176,12 @@ def linear_light(grey: Grey) -> NDArray[np.float32]:
 
 
 def shrunk(grey: Grey) -> Grey:
-    """Return a photo or a mask [H, W] at the size at which photos are matched."""
+    """Return a photo [H, W] at the size at which photos are matched."""
     factor = min(1.0, SIDE / max(grey.shape))
     size = (max(1, round(grey.shape[1] * factor)), max(1, round(grey.shape[0] * factor)))
     return np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def shrunk_mask(mask: Grey) -> Grey:
+    """Return a mask [H, W], 0 or 255, at that size: object where at least half of a pixel is."""
+    return np.where(shrunk(mask) >= THRESHOLD, 255, 0).astype(np.uint8)

@@ -15,12 +15,12 @@ from mattgs_ops.capture.photos import read_rgb
 from mattgs_ops.capture.scene import Scene, View
 from mattgs_ops.capture.sparse import are_on_object
 from mattgs_ops.errors import InputError
+from mattgs_ops.sfm.colmap.job import KEYPOINTS_FILE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Array = NDArray[np.float64]
-KEYPOINTS = "keypoints.npz"
 INCHES, DOTS = 3.2, 110  # of one panel
 # The cloud is framed so that this share of its points is seen along each axis.
 SHOWN = 0.98
@@ -60,7 +60,7 @@ def draw(scene: Scene, path: Path, view: str | None = None) -> None:
 
 def read_keypoints(folder: Path) -> dict[str, tuple[Array, NDArray[np.bool_]]]:
     """Read a scene's key points: by view, ``xy`` [K, 2] in pixels and ``inside`` [K]."""
-    with np.load(folder / KEYPOINTS) as data:
+    with np.load(folder / KEYPOINTS_FILE) as data:
         cuts = np.cumsum(data["counts"])[:-1]
         xy, inside = np.split(data["xy"], cuts), np.split(data["inside"], cuts)
         return {str(n): (xy[k], inside[k]) for k, n in enumerate(data["names"])}

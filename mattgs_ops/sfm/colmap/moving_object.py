@@ -54,11 +54,8 @@ def object_matches(
     """
     its, explained = (m[inside[0][m[:, 0]] & inside[1][m[:, 1]]] for m in (matches, inliers))
     if 2 * len(explained) >= len(its):
-        return (
-            ObjectMatches(explained, contradicts=False)
-            if len(explained) >= FEWEST_MATCHES
-            else None
-        )
+        enough = len(explained) >= FEWEST_MATCHES
+        return ObjectMatches(explained, contradicts=False) if enough else None
     own = verify(its) if len(its) >= FEWEST_MATCHES else its[:0]
     if len(own) < FEWEST_MATCHES:
         return None

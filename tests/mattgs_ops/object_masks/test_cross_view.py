@@ -15,9 +15,9 @@ from mattgs_ops.capture.sparse import SparseImage, SparseModel
 from mattgs_ops.object_masks import cross_view, decision, vote_variants
 from mattgs_ops.object_masks.cross_view import agree
 from mattgs_ops.object_masks.photo_evidence import plain_ground
-from mattgs_ops.object_masks.shared_points import KEYPOINTS_FILE
 from mattgs_ops.object_masks.silhouettes import iou
 from mattgs_ops.segment.mask_report import MaskReport, ViewReport
+from mattgs_ops.sfm.colmap.job import KEYPOINTS_FILE
 from mattgs_ops.sfm.given_points import write_no_keypoints
 from mattgs_ops.splat.gaussians import SH_CONSTANT, Splats
 from mattgs_ops.splat.rasterize import render

@@ -7,12 +7,12 @@ from mattgs_ops.segment.contradictions import FEWEST_POINTS, Contradictions, con
 
 POINTS = 40
 # a column of points, from the top; the middle of a pixel is at a half
-PLACES = np.stack([np.full(POINTS, 10.5), np.arange(POINTS) + 0.5], axis=1).astype(np.float32)
+PLACES = np.stack([np.full(POINTS, 10.5), np.arange(POINTS) + 0.5], axis=1)
 
 
 def pair(count: int = POINTS, moved: int = 0) -> np.ndarray:
     """Return a pair's points, which lie farther down in the second photo."""
-    return np.stack([PLACES[:count], PLACES[:count] + np.array([0, moved], np.float32)], axis=1)
+    return np.stack([PLACES[:count], PLACES[:count] + np.array([0, moved])], axis=1)
 
 
 def mask(first: int, last: int) -> np.ndarray:

@@ -28,8 +28,16 @@ BACKGROUND = -1
 
 
 @dataclass(frozen=True)
+class Lens:
+    """A thin lens: ``aperture`` is its radius, ``focus`` the distance of what is sharp, cm."""
+
+    aperture: float
+    focus: float
+
+
+@dataclass(frozen=True)
 class Layers:
-    """What a view's pixels show, supersampled ``GRID`` × ``GRID``.
+    """What a view's pixels show, supersampled on a grid.
 
     ``coverage`` [H, W] float32: share of the pixel that the object covers; ``part`` [H, W] uint8:
     the small structure (:class:`Part`) covering most of the pixel; ``position`` [H, W, 3]
@@ -100,9 +108,18 @@ class Tracer:
         values.update()
 
     def render(
-        self, camera_to_world: Array, width: int, height: int, samples: int, seed: int
+        self,
+        camera_to_world: Array,
+        width: int,
+        height: int,
+        samples: int,
+        seed: int,
+        lens: Lens | None = None,
     ) -> dict[str, NDArray[np.float32]]:
-        """Trace a view; linear ``light``, ``albedo`` and ``normal``, each [H, W, 3]."""
+        """Trace a view; linear ``light``, ``albedo`` and ``normal``, each [H, W, 3].
+
+        Without a ``lens`` everything is in focus.
+        """
         import mitsuba as mi
 
         integrator = mi.load_dict(
@@ -112,7 +129,7 @@ class Tracer:
                 "image": {"type": "path", "max_depth": DEPTH},
             }
         )
-        sensor = _sensor(camera_to_world, width, height, samples, "multijitter")
+        sensor = _sensor(camera_to_world, width, height, samples, "multijitter", lens)
         out = np.array(mi.render(self.scene, sensor=sensor, integrator=integrator, seed=seed))
         out = np.nan_to_num(out.astype(np.float32), posinf=0.0, neginf=0.0)
         return {
@@ -121,12 +138,15 @@ class Tracer:
             "normal": out[..., -3:],
         }
 
-    def layers(self, camera_to_world: Array, width: int, height: int) -> Layers:
-        """Find what each pixel shows, exactly but for the sampling on a regular grid."""
+    def layers(self, camera_to_world: Array, width: int, height: int, grid: int = GRID) -> Layers:
+        """Find what each pixel shows, exactly but for the sampling on a regular grid.
+
+        ``grid`` is odd, so that one sample is in the middle of each pixel.
+        """
         import mitsuba as mi
 
         kinds = {"type": "aov", "aovs": "face:prim_index,uv:uv,xyz:position"}
-        sensor = _sensor(camera_to_world, width * GRID, height * GRID, 1, "grid")
+        sensor = _sensor(camera_to_world, width * grid, height * grid, 1, "grid")
         integrator = mi.load_dict(kinds)
         out = np.array(mi.render(self.scene, sensor=sensor, integrator=integrator, seed=0))
         hit = np.isfinite(out).all(axis=2) & (np.abs(out[..., 3:6]).sum(axis=2) > 0)
@@ -134,10 +154,10 @@ class Tracer:
         own, part = self._object_and_parts(
             sheet, np.rint(out[..., 0]).astype(np.int64), out[..., 1:3] % 1
         )
-        coverage = own.reshape(height, GRID, width, GRID).mean(axis=(1, 3), dtype=np.float32)
+        coverage = own.reshape(height, grid, width, grid).mean(axis=(1, 3), dtype=np.float32)
         position = np.where(hit[..., None], out[..., 3:6], np.nan).astype(np.float32)
-        centre = GRID // 2
-        return Layers(coverage, _majority(part), position[centre::GRID, centre::GRID])
+        centre = grid // 2
+        return Layers(coverage, _majority(part, grid), position[centre::grid, centre::grid])
 
     def _object_and_parts(
         self, which: NDArray[np.int64], face: NDArray[np.int64], uv: NDArray[np.float32]
@@ -157,12 +177,12 @@ class Tracer:
         return own, part * own
 
 
-def _majority(part: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    height, width = part.shape[0] // GRID, part.shape[1] // GRID
-    blocks = part.reshape(height, GRID, width, GRID)
+def _majority(part: NDArray[np.uint8], grid: int) -> NDArray[np.uint8]:
+    height, width = part.shape[0] // grid, part.shape[1] // grid
+    blocks = part.reshape(height, grid, width, grid)
     counts = np.stack([(blocks == kind).sum(axis=(1, 3)) for kind in Part])
     # a wire a pixel wide rarely fills half of one: a quarter is enough for a small structure
-    small = counts[1:].max(axis=0) * 4 >= GRID * GRID
+    small = counts[1:].max(axis=0) * 4 >= grid * grid
     return np.where(small, counts[1:].argmax(axis=0) + 1, 0).astype(np.uint8)
 
 
@@ -180,7 +200,14 @@ def _surface(sheet: Sheet) -> dict[str, Any]:
     }
 
 
-def _sensor(camera_to_world: Array, width: int, height: int, samples: int, sampling: str) -> Any:
+def _sensor(
+    camera_to_world: Array,
+    width: int,
+    height: int,
+    samples: int,
+    sampling: str,
+    lens: Lens | None = None,
+) -> Any:
     import mitsuba as mi
 
     # Mitsuba looks along +z with x to the left, OpenGL along -z with x to the right
@@ -198,9 +225,16 @@ def _sensor(camera_to_world: Array, width: int, height: int, samples: int, sampl
         if sampling == "grid"
         else {"type": sampling, "sample_count": samples}
     )
+    kind: dict[str, Any] = {"type": "perspective"}
+    if lens is not None:
+        kind = {
+            "type": "thinlens",
+            "aperture_radius": lens.aperture,
+            "focus_distance": lens.focus,
+        }
     return mi.load_dict(
         {
-            "type": "perspective",
+            **kind,
             "fov": float(2 * np.degrees(np.arctan(0.5 / FOCAL))),
             "fov_axis": "x",
             "near_clip": 0.5,

@@ -55,7 +55,12 @@ class RenderedConfig(Frozen):
     plain: int = Field(
         0, ge=0, description="cloth, sweep, table, dark room with flash, turntable, wood, in turn"
     )
-    figures: float = Field(0.0, ge=0, le=1, description="share of objects that are smooth figures")
+    rooms: int = Field(
+        0, ge=0, description="floors, tables and pedestals in rooms, with sculpted objects"
+    )
+    figures: float = Field(
+        0.0, ge=0, le=1, description="share of objects that are smooth figures, not in rooms"
+    )
     objects: int = Field(6, ge=1, description="objects put on each place, one after another")
     views: int = Field(5, ge=1, description="of each object")
     empty: int = Field(12, ge=1, description="views of each place without an object")
@@ -66,6 +71,11 @@ class RenderedConfig(Frozen):
         0.0, ge=0, le=1, description="share of the views whose object is cut out, on another place"
     )
     seed: int = Field(1234, ge=0)
+
+    @property
+    def places(self) -> int:
+        """Desks, plain grounds and rooms together."""
+        return self.desks + self.plain + self.rooms
 
 
 class StageConfig(Frozen):

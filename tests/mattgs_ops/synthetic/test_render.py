@@ -24,7 +24,7 @@ from mattgs_ops.synthetic.surfaces.mesh import box, quad
 from mattgs_ops.synthetic.surroundings import clutter
 from mattgs_ops.synthetic.surroundings.desk import Layout, Occupancy, scatter
 from mattgs_ops.synthetic.surroundings.item import Item
-from mattgs_ops.synthetic.tracer import Layers, Tracer, choose_variant, room_light
+from mattgs_ops.synthetic.tracer import Layers, Lens, Tracer, choose_variant, room_light
 
 BUNDLED = Path(mattgs_ops.__file__).parent / "bundled"
 WIDTH, HEIGHT = 64, 48
@@ -105,6 +105,28 @@ def test_the_photo_shows_the_object_where_the_mask_is(
     assert 0.05 < (layers[0].coverage >= 0.5).mean() < 0.5
     assert np.percentile(red[inside], 20) > 40
     assert np.percentile(np.abs(red[layers[0].coverage == 0]), 80) < 30
+
+
+def test_a_lens_blurs_what_it_is_not_focused_on(tracer: Tracer, poses: list[np.ndarray]) -> None:
+    def sharpness(lens: Lens | None) -> float:
+        light = tracer.render(poses[0], WIDTH, HEIGHT, 64, 0, lens)["light"]
+        return float(np.square(np.diff(light.mean(axis=2), axis=1)).mean())
+
+    distance = float(np.linalg.norm(poses[0][:3, 3] - [0, 0, 1.5]))
+    sharp = sharpness(None)
+    assert sharpness(Lens(0.1, distance)) > 0.9 * sharp
+    assert sharpness(Lens(3.0, 4 * distance)) < 0.7 * sharp
+
+
+@pytest.mark.parametrize("grid", [1, 3])
+def test_a_coarser_grid_shows_the_same_with_fewer_samples(
+    tracer: Tracer, poses: list[np.ndarray], layers: list[Layers], grid: int
+) -> None:
+    coarse = tracer.layers(poses[0], WIDTH, HEIGHT, grid)
+    steps = coarse.coverage * grid**2
+    assert np.abs(steps - np.rint(steps)).max() < 1e-5
+    assert np.abs(coarse.coverage - layers[0].coverage).mean() < 0.03
+    assert np.allclose(coarse.position, layers[0].position, equal_nan=True, atol=1e-3)
 
 
 def test_small_structures_are_marked(layers: list[Layers]) -> None:

@@ -1,17 +1,19 @@
 """Random objects as triangle meshes, so that they can be traced with the light of real places.
 
 ``things`` are flat faces, each a fan of triangles; ``figures`` are balls, blocks and drums, each a
-stretched unit mesh. Both stand on z = 0 around the origin, about one unit wide; here they are put
-on a stage of the tracer, centimetres.
+stretched unit mesh; ``sculptures`` are one skin. All stand on z = 0 around the origin, about one
+unit wide; here they are put on a stage of the tracer, centimetres.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.random import Generator
 
 from mattgs_ops.segment.training_images.figures import Figure, Shape
+from mattgs_ops.segment.training_images.organic import surface
 from mattgs_ops.segment.training_images.solids import Array, Colour, Face
 from mattgs_ops.segment.training_images.textures import Bank
 
@@ -19,6 +21,35 @@ LIFT = 0.03  # centimetres that paint on a face floats above it
 METAL_SHARE = 0.25  # of parts that are bare metal
 STONE = (0.6, 0.95)  # roughness of figures that are not glossy: plaster, stone, wood
 SEGMENTS = 24  # around a ball or a drum
+SKIN = 384  # pixels of a sculpture's texture
+
+
+@dataclass(frozen=True)
+class Stuff:
+    """What sculptures are made of: mean ``colour``, RGB 0..1, range of ``roughness``."""
+
+    colour: Colour
+    roughness: tuple[float, float]
+    metallic: float = 0.0
+
+
+STUFFS = (
+    Stuff((0.8, 0.78, 0.73), (0.4, 0.9)),  # marble, plaster
+    Stuff((0.55, 0.52, 0.47), (0.6, 0.95)),  # sandstone
+    Stuff((0.3, 0.29, 0.28), (0.4, 0.9)),  # basalt, slate
+    Stuff((0.22, 0.18, 0.12), (0.25, 0.6), 1.0),  # bronze
+    Stuff((0.3, 0.38, 0.33), (0.4, 0.8)),  # its green
+    Stuff((0.5, 0.32, 0.18), (0.3, 0.8)),  # wood
+    Stuff((0.28, 0.18, 0.11), (0.3, 0.8)),  # dark wood, leather, rust
+    Stuff((0.62, 0.35, 0.24), (0.5, 0.9)),  # fired clay
+    Stuff((0.82, 0.74, 0.58), (0.3, 0.7)),  # bone, ivory
+    Stuff((0.6, 0.6, 0.62), (0.15, 0.5), 1.0),  # iron, silver
+    Stuff((0.7, 0.15, 0.12), (0.15, 0.9)),  # painted, cloth
+    Stuff((0.15, 0.25, 0.6), (0.15, 0.9)),
+    Stuff((0.85, 0.7, 0.2), (0.15, 0.9)),
+    Stuff((0.2, 0.5, 0.25), (0.15, 0.9)),
+    Stuff((0.06, 0.06, 0.07), (0.15, 0.9)),
+)
 
 
 def put_thing(
@@ -58,6 +89,26 @@ def put_figure(
                 else Material(_bytes(shape.colour), rough, metal)
             )
         stage.add(_mesh_of_shape(shape, scale, top), materials[shape.colour], own=True)
+
+
+def put_sculpture(stage: Any, top: float, scale: float, bank: Bank, rng: Generator) -> Array:
+    """Put a random sculpture on the stage as the object; return its points [K, 3], in units."""
+    from mattgs_ops.segment.training_images.traced.sculptures import random_sculpture
+    from mattgs_ops.synthetic.surfaces.materials import Material
+
+    mesh = random_sculpture(rng)
+    stuff = STUFFS[int(rng.integers(len(STUFFS)))]
+    tone = np.clip(np.array(stuff.colour) * rng.uniform(0.6, 1.4) + rng.normal(0, 0.04, 3), 0.02, 1)
+    image = surface(
+        rng, SKIN, bank.pick(rng, "object"), (float(tone[0]), float(tone[1]), float(tone[2]))
+    )
+    calm = float(rng.uniform(0, 1)) if rng.random() < 0.7 else 0.0
+    skin = ((1 - calm) * image + calm * 255 * tone).astype(np.uint8)
+    rough = float(rng.uniform(*stuff.roughness))
+    placed = np.diag([scale, scale, scale, 1.0])
+    placed[2, 3] = top
+    stage.add(mesh.transformed(placed), Material(skin, rough, stuff.metallic), own=True)
+    return mesh.vertices[:: max(1, len(mesh.vertices) // 500)]
 
 
 def _patterned(colour: Colour, use: str, rough: float, bank: Bank, rng: Generator) -> Any:

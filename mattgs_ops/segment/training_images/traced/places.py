@@ -27,6 +27,7 @@ from mattgs_ops.segment.training_images.solids import Array, Paint
 from mattgs_ops.segment.training_images.textures import Bank
 from mattgs_ops.segment.training_images.things import OBJECTS
 from mattgs_ops.segment.training_images.traced.objects import put_figure, put_thing
+from mattgs_ops.segment.training_images.traced.rooms import Room, lay_room, put_random
 
 if TYPE_CHECKING:  # Mitsuba is an extra
     from collections.abc import Callable
@@ -41,6 +42,11 @@ JPEG = [cv2.IMWRITE_JPEG_QUALITY, 90]  # a third of PNG; augmentation spoils the
 UNDER_SHARE = 0.6  # of desks on which sheets lie under the object
 CLEAR, REACH = 15.0, 50.0  # centimetres: free radius on the desk, distance of the nearest cameras
 NEAREST = 22.0  # centimetres from the eye to the middle of the object
+SCALE = (10, 14)  # centimetres to an object's unit
+LOWEST, HIGHEST = 10, 62  # degrees of elevation
+GRID, ROOM_GRID = 5, 3  # samples per pixel and direction of a mask
+MIDRIFF = 6.0  # centimetres above its foot that an object is focused at
+MIDDLE = (0.06, 0.45)  # linear brightness that a camera gives the middle of what it measures
 SPAN = (0.45, 0.96)  # share of the frame that a photographer gives the object
 
 
@@ -49,7 +55,7 @@ def render_places(config: RenderedConfig, out: Path, *, progress: Progress = no_
 
     Raises :class:`InputError` when there is one to trace and Mitsuba is not installed.
     """
-    places = [out / f"place{place:02d}.json" for place in range(config.desks + config.plain)]
+    places = [out / f"place{place:02d}.json" for place in range(config.places)]
     if all(done.is_file() for done in places):
         return
     try:
@@ -77,26 +83,36 @@ def _place(config: RenderedConfig, place: int, out: Path) -> dict[str, Any]:
 
     rng = np.random.default_rng((config.seed, place))
     bank = Bank(config.seed + place)
-    ground, size = _ground(config, place, rng), (config.width, config.width * 3 // 4)
+    room = lay_room(rng, bank) if place >= config.desks + config.plain else None
+    ground = room.ground if room else _ground(config, place, rng)
+    size = (config.width, config.width * 3 // 4)
     cameras: dict[str, Any] = {}
     for k in range(config.objects + 1):
         stage = Stage({key: list(meshes) for key, meshes in ground.stage.pieces.items()})
         points = None
         if k:
             number = place * config.objects + k
-            points = _put_object(config, stage, number, ground.top, bank, rng)
+            points = (
+                put_random(stage, ground.top, float(rng.uniform(*SCALE)), bank, rng)
+                if room
+                else _put_object(config, stage, number, ground.top, bank, rng)
+            )
         scene = Tracer(stage, ground.light)
         count = config.views if k else config.empty
         for view in range(count):
             name = f"{place:02d}_{k:02d}_{view:02d}"
-            pose = _orbit(rng, ground.top, view, count)
+            pose = _orbit(rng, ground.top, view, count, room.lowest if room else LOWEST)
             if points is not None:
                 pose = _framed(rng, pose, points, size)
-            image = _traced(scene, pose, ground, size, rng)
+            image = (
+                _traced_room(scene, pose, room, size, rng)
+                if room
+                else _traced(scene, pose, ground, size, rng)
+            )
             folder = out / ("images" if k else "empty")
             cv2.imwrite(str(folder / f"{name}.jpg"), image[..., ::-1], JPEG)
             if k:
-                coverage = scene.layers(pose, *size).coverage
+                coverage = scene.layers(pose, *size, ROOM_GRID if room else GRID).coverage
                 mask = np.rint(coverage * 255).astype(np.uint8)
                 cv2.imwrite(str(out / "masks" / f"{name}.png"), mask)
             else:
@@ -113,7 +129,7 @@ def _put_object(
     rng: np.random.Generator,
 ) -> Array:
     """Put a random object on the stage; return points [K, 3] around it, centimetres."""
-    scale = float(rng.uniform(10, 14))
+    scale = float(rng.uniform(*SCALE))
     if rng.random() < config.figures:
         figure = random_figure(rng)
         put_figure(stage, figure, top, scale, bank, rng)
@@ -155,11 +171,13 @@ def _sheets_under(
     )
 
 
-def _orbit(rng: np.random.Generator, top: float, view: int, count: int) -> NDArray[np.float64]:
+def _orbit(
+    rng: np.random.Generator, top: float, view: int, count: int, lowest: float
+) -> NDArray[np.float64]:
     from mattgs_ops.synthetic import cameras
 
     azimuth = 2 * np.pi * (view + rng.uniform(0, 1)) / count
-    elevation = np.radians(rng.uniform(10, 62))
+    elevation = np.radians(rng.uniform(lowest, HIGHEST))
     distance = rng.uniform(38, 68)
     ray = [np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation)]
     target = np.array([*rng.normal(0, 1.2, 2), top + rng.uniform(1, 8)])
@@ -205,3 +223,27 @@ def _traced(
     exposure = EXPOSURE * float(np.exp(ground.spread * rng.normal()))
     seed = int(rng.integers(1 << 30))
     return photograph(scene, pose, *size, SAMPLES, seed, exposure)
+
+
+def _traced_room(
+    scene: "Tracer",
+    pose: NDArray[np.float64],
+    room: Room,
+    size: tuple[int, int],
+    rng: np.random.Generator,
+) -> NDArray[np.uint8]:
+    """Trace a view of a room, exposed by what is seen; [H, W, 3] uint8 RGB."""
+    from mattgs_ops.synthetic.denoise import denoise
+    from mattgs_ops.synthetic.render import develop
+    from mattgs_ops.synthetic.surroundings.grounds import FLASH
+    from mattgs_ops.synthetic.tracer import Lens
+
+    if room.ground.flash:
+        scene.move_lamp(FLASH, pose[:3, 3] + rng.uniform(3, 9) * pose[:3, 1])
+    focus = float(np.linalg.norm(pose[:3, 3] - [0, 0, room.ground.top + MIDRIFF]))
+    lens = Lens(room.aperture, focus) if room.aperture else None
+    traced = scene.render(pose, *size, SAMPLES, int(rng.integers(1 << 30)), lens)
+    light = denoise(traced["light"], traced["albedo"], traced["normal"])
+    measured = float(np.median(light.mean(axis=2)))
+    wanted = float(np.exp(rng.uniform(*np.log(MIDDLE))))
+    return develop(light, -np.log(1 - wanted) / max(measured, 1e-4))

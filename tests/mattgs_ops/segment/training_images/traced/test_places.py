@@ -52,6 +52,25 @@ def test_a_plain_place_gives_views_masks_and_a_backdrop(
     assert backdrop.image.shape == (24, 32, 3)
 
 
+def test_a_room_gives_views_of_one_object_in_the_middle(tmp_path: Path) -> None:
+    choose_variant("scalar_rgb")
+    for folder in ("images", "masks", "empty"):
+        (tmp_path / folder).mkdir()
+    config = RenderedConfig(desks=1, rooms=1, objects=2, views=1, empty=1, width=48)
+    assert config.places == 2
+    cameras = _place(config, 1, tmp_path)
+    assert list(cameras) == ["01_00_00.jpg"]
+    for name in ("01_01_00", "01_02_00"):
+        image = cv2.imread(str(tmp_path / "images" / f"{name}.jpg"))
+        mask = cv2.imread(str(tmp_path / "masks" / f"{name}.png"), cv2.IMREAD_GRAYSCALE)
+        assert image is not None
+        assert mask is not None
+        found = np.argwhere(mask > 127)
+        assert 0.02 < len(found) / mask.size < 0.7
+        assert np.abs(found.mean(0) / mask.shape - 0.5).max() < 0.25
+        assert 5 < image.mean() < 250  # exposed by what is seen
+
+
 def test_places_that_are_there_need_no_mitsuba(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

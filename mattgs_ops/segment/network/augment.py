@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mattgs_ops.segment.network.train_config import AugmentConfig
+from mattgs_ops.segment.training_images.cards import lay_cards
 
 Image = NDArray[np.uint8]
 
@@ -17,6 +18,8 @@ def augment(
     rng: np.random.Generator, image: Image, mask: Image, size: int, config: AugmentConfig
 ) -> tuple[Image, Image]:
     """Return image [S, S, 3] and mask [S, S]: turned, scaled, cropped, flipped and spoiled."""
+    if config.cards and rng.random() < config.cards:
+        image = lay_cards(rng, image, mask)
     height, width = mask.shape
     crop = rng.uniform(config.crop, 1.0)
     angle = np.radians(rng.uniform(-config.rotation, config.rotation))

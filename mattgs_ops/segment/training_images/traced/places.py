@@ -47,6 +47,7 @@ LOWEST, HIGHEST = 10, 62  # degrees of elevation
 GRID, ROOM_GRID = 5, 3  # samples per pixel and direction of a mask
 MIDRIFF = 6.0  # centimetres above its foot that an object is focused at
 MIDDLE = (0.06, 0.45)  # linear brightness that a camera gives the middle of what it measures
+SEEN = 0.005  # of a photo: an object that covers less is hidden by something, the view is dropped
 SPAN = (0.45, 0.96)  # share of the frame that a photographer gives the object
 
 
@@ -109,15 +110,20 @@ def _place(config: RenderedConfig, place: int, out: Path) -> dict[str, Any]:
                 if room
                 else _traced(scene, pose, ground, size, rng)
             )
-            folder = out / ("images" if k else "empty")
-            cv2.imwrite(str(folder / f"{name}.jpg"), image[..., ::-1], JPEG)
-            if k:
-                coverage = scene.layers(pose, *size, ROOM_GRID if room else GRID).coverage
+            if not k:
+                _save_photo(image, out / "empty" / f"{name}.jpg")
+                cameras[f"{name}.jpg"] = {"top": ground.top, "pose": pose.tolist()}
+                continue
+            coverage = scene.layers(pose, *size, ROOM_GRID if room else GRID).coverage
+            if coverage.mean() >= SEEN:
+                _save_photo(image, out / "images" / f"{name}.jpg")
                 mask = np.rint(coverage * 255).astype(np.uint8)
                 cv2.imwrite(str(out / "masks" / f"{name}.png"), mask)
-            else:
-                cameras[f"{name}.jpg"] = {"top": ground.top, "pose": pose.tolist()}
     return cameras
+
+
+def _save_photo(image: NDArray[np.uint8], path: Path) -> None:
+    cv2.imwrite(str(path), image[..., ::-1], JPEG)
 
 
 def _put_object(

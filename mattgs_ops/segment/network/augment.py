@@ -13,6 +13,9 @@ from mattgs_ops.segment.training_images.cards import lay_cards
 
 Image = NDArray[np.uint8]
 
+CLOSE = (0.3, 0.7)  # of the side that a close-up shows
+LEAST, MOST = 0.15, 0.92  # of a close-up that is object
+
 
 def augment(
     rng: np.random.Generator, image: Image, mask: Image, size: int, config: AugmentConfig
@@ -21,7 +24,8 @@ def augment(
     if config.cards and rng.random() < config.cards:
         image = lay_cards(rng, image, mask)
     height, width = mask.shape
-    crop = rng.uniform(config.crop, 1.0)
+    near = _close_up(rng, mask) if config.close_ups and rng.random() < config.close_ups else None
+    crop = near[0] if near else rng.uniform(config.crop, 1.0)
     angle = np.radians(rng.uniform(-config.rotation, config.rotation))
     c, s = np.cos(angle) * crop, np.sin(angle) * crop
     flip_x = -1.0 if rng.random() < config.flip_horizontal else 1.0
@@ -30,6 +34,7 @@ def augment(
     turn = np.array([[c * flip_x, -s * flip_y], [s * flip_x, c * flip_y]])
     turn = np.diag([width / size, height / size]) @ turn
     middle = np.array([width, height]) / 2 * (1 + rng.uniform(-1, 1, 2) * (1 - crop))
+    middle = near[1] if near else middle
     shift = middle - turn @ np.array([size, size]) / 2
     matrix = np.concatenate([turn, shift[:, None]], axis=1)
     # warps have no area filter: photos much larger than ``size`` alias, as they did when the
@@ -41,6 +46,23 @@ def augment(
     if config.harsh and rng.random() < config.harsh:
         image = harsh_light(rng, image)
     return spoil(rng, image), mask
+
+
+def _close_up(rng: np.random.Generator, mask: Image) -> tuple[float, NDArray[np.float64]] | None:
+    """Draw a window on the object of a mask [H, W]: its share of the side and its middle (x, y).
+
+    None where the window would hold nearly nothing but object, or nearly none of it.
+    """
+    inside = np.argwhere(mask > 127)
+    if len(inside) == 0:
+        return None
+    crop = float(rng.uniform(*CLOSE))
+    half = crop * np.array(mask.shape) / 2
+    middle = np.clip(inside[int(rng.integers(len(inside)))], half, np.array(mask.shape) - half)
+    (top, left), (bottom, right) = (middle - half).astype(int), (middle + half).astype(int)
+    if not LEAST <= float((mask[top:bottom, left:right] > 127).mean()) <= MOST:
+        return None
+    return crop, middle[::-1].astype(np.float64)
 
 
 def harsh_light(rng: np.random.Generator, image: Image) -> Image:

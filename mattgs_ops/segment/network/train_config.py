@@ -19,6 +19,9 @@ class AugmentConfig(Frozen):
     harsh: float = Field(
         0.0, ge=0, le=1, description="share of images with hard light: deep tones, shadows, casts"
     )
+    close_ups: float = Field(
+        0.0, ge=0, le=1, description="share of images that show a part of the object only"
+    )
     cards: float = Field(
         0.0, ge=0, le=1, description="share of images with targets, charts or scale bars around"
     )

@@ -1,4 +1,4 @@
-"""Hard light changes what an image looks like and nothing of where things are."""
+"""Hard light changes what an image looks like, a close-up what part of it is seen."""
 
 import numpy as np
 
@@ -40,3 +40,34 @@ def test_no_image_gets_hard_light_unless_asked_for() -> None:
     plain, asked = AugmentConfig(), AugmentConfig(harsh=1.0)
     same, other = (augment(np.random.default_rng(3), image, mask, 48, c)[0] for c in (plain, asked))
     assert np.abs(same.astype(int) - other).mean() > 3
+
+
+def disc(radius: float, x: float, y: float) -> np.ndarray:
+    rows, columns = np.indices((SIDE, SIDE))
+    return np.where(np.hypot(columns - x, rows - y) < radius, 255, 0).astype(np.uint8)
+
+
+def test_a_close_up_shows_a_part_of_the_object_and_some_ground() -> None:
+    mask = disc(14, 20, 40)
+    image = np.repeat(mask[..., None], 3, 2)
+    config = AugmentConfig(rotation=0, close_ups=1.0, crop=1.0)
+    shares, cut = [], []
+    for seed in range(40):
+        _, seen = augment(np.random.default_rng(seed), image, mask, SIDE, config)
+        shares.append((seen > 127).mean())
+        border = np.concatenate([seen[0], seen[-1], seen[:, 0], seen[:, -1]])
+        cut.append((border > 127).any())
+    whole = (mask > 127).mean()
+    assert max(shares) < 0.95
+    assert min(shares) > 0.9 * whole
+    assert np.median(shares) > 2 * whole
+    assert np.mean(cut) > 0.5
+
+
+def test_an_object_too_small_for_a_close_up_is_seen_whole() -> None:
+    mask = disc(2, 30, 30)
+    image = np.repeat(mask[..., None], 3, 2)
+    config = AugmentConfig(rotation=0, close_ups=1.0, crop=1.0)
+    for seed in range(5):
+        _, seen = augment(np.random.default_rng(seed), image, mask, SIDE, config)
+        assert abs((seen > 127).sum() - (mask > 127).sum()) < 6

@@ -44,7 +44,6 @@ def clean(mask: Mask) -> Mask:
     areas = stats[:, cv2.CC_STAT_AREA].copy()
     areas[0] = 0
     kept: Mask = np.where(areas >= SPECK_SHARE * areas.max(), 255, 0).astype(np.uint8)[labels]
-    kept[labels == 0] = 0
     limit = HOLE_SHARE * int((kept > 0).sum())
     holes, hole_labels, hole_stats, _ = cv2.connectedComponentsWithStats(255 - kept, connectivity=4)
     height, width = mask.shape
@@ -53,7 +52,6 @@ def clean(mask: Mask) -> Mask:
     bottom = top + hole_stats[:, cv2.CC_STAT_HEIGHT]
     inner = (left > 0) & (top > 0) & (right < width) & (bottom < height)
     small = inner & (hole_stats[:, cv2.CC_STAT_AREA] < limit)
-    small[0] = False
     fill = np.arange(holes)[small]
     kept[np.isin(hole_labels, fill)] = 255
     return kept

@@ -85,7 +85,7 @@ class Extraction:
     """How key points are sought.
 
     ``peak_threshold`` is SIFT's, ``grow_share`` the growth of masks as a share of the longest side,
-    ``thorough`` whether COLMAP's SIFT finds them instead of OpenCV's.
+    ``thorough`` whether COLMAP's SIFT of affine shapes finds them instead of OpenCV's.
     """
 
     peak_threshold: float
@@ -106,7 +106,8 @@ def further_attempts(config: SfmConfig, views: int) -> tuple[Further, Further]:
     """Return the attempts that follow where too few views registered, the cheaper first.
 
     The first keeps as many key points as COLMAP does, down to the smallest scales, and compares all
-    pairs, as COLMAP does; up to ``similar_limit`` views. The second seeks fainter ones, too.
+    pairs, as COLMAP does; up to ``similar_limit`` views. The second seeks fainter ones, too, and
+    those of surfaces seen aslant.
     """
     all_pairs = config.matcher == "auto" and views <= config.similar_limit
     most = max(COLMAP_KEEPS, config.max_features)
@@ -120,7 +121,7 @@ def further_attempts(config: SfmConfig, views: int) -> tuple[Further, Further]:
     return (
         Further(f"up to {most:,} key points kept, {pairs}", config.model_copy(update=more), False),
         Further(
-            f"fainter key points sought by COLMAP's SIFT, up to {most:,} kept",
+            f"fainter key points of affine shapes sought by COLMAP's SIFT, up to {most:,} kept",
             config.model_copy(update=fainter),
             True,
         ),
@@ -207,7 +208,12 @@ def describe(
 
 
 def describe_by_colmap(view: JobView, config: SfmConfig, how: Extraction) -> Features:
-    """Find and describe all key points of a photo by COLMAP's SIFT, then choose."""
+    """Find and describe all key points of a photo by COLMAP's SIFT, then choose.
+
+    Each is described in an ellipse that its surroundings give (Mikolajczyk and Schmid, Scale and
+    affine invariant interest point detectors, IJCV 2004), so that surfaces seen from 60° aside
+    still match; COLMAP's FAQ advises it where photos match badly.
+    """
     import pycolmap
 
     options = pycolmap.FeatureExtractionOptions()
@@ -216,6 +222,7 @@ def describe_by_colmap(view: JobView, config: SfmConfig, how: Extraction) -> Fea
     options.sift.max_num_features = COLMAP_MOST
     options.sift.first_octave = -1 if config.upsample else 0
     options.sift.peak_threshold = how.peak_threshold
+    options.sift.estimate_affine_shape = True
     # an extractor keeps state between calls and is not shared between threads
     extractor = pycolmap.FeatureExtractor.create(options, pycolmap.Device.cpu)
     grey, scale = read_grey(Path(view.photo), config.max_image_size)

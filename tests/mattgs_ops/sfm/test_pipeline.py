@@ -274,7 +274,7 @@ def test_few_registered_views_lead_to_further_attempts_with_more_key_points(
     steps = [s.split(": ")[1] for s in scene.extra["fallbacks"] if "views registered" in s]
     assert steps == [
         "up to 8,192 key points kept, all pairs compared",
-        "fainter key points sought by COLMAP's SIFT, up to 8,192 kept",
+        "fainter key points of affine shapes sought by COLMAP's SIFT, up to 8,192 kept",
     ]
     assert scene.extra["registered"] == 9
 

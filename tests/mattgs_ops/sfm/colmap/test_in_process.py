@@ -47,6 +47,39 @@ counts = [len(f.inside) for f in found]
 print(json.dumps([digest.hexdigest(), counts, len(pairs), notes]))
 """
 
+TILTED = """
+import json, sys
+from pathlib import Path
+import cv2
+import numpy as np
+from mattgs_ops.config import SfmConfig
+from mattgs_ops.sfm.colmap import features, matching
+from mattgs_ops.sfm.colmap.job import JobView
+
+folder, thorough = Path(json.loads(sys.argv[1])[0]), json.loads(sys.argv[1])[1]
+rng = np.random.default_rng(0)
+picture = np.zeros((480, 640), np.float32)
+for cells in (8, 16, 32, 64, 128):
+    grid = rng.random((cells, cells), dtype=np.float32)
+    picture += cv2.resize(grid, (640, 480), interpolation=cv2.INTER_CUBIC)
+picture = cv2.normalize(picture, None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
+narrow = np.cos(np.radians(60))  # the picture seen from 60 degrees to the side, from far away
+seen = cv2.resize(picture, (int(640 * narrow), 480), interpolation=cv2.INTER_AREA)
+found = []
+for name, image in (("straight", picture), ("aslant", seen)):
+    photo, mask = folder / f"{name}.png", folder / f"{name}-mask.png"
+    cv2.imwrite(str(photo), image)
+    cv2.imwrite(str(mask), np.full(image.shape, 255, np.uint8))
+    height, width = image.shape
+    view = JobView(name, str(photo), str(mask), width, height, None, None)
+    how = features.Extraction(0.02 / 3, 0.0, thorough)
+    found += features.extract((view,), SfmConfig(), how, 1, lambda *note: None)
+pairs = matching.match(found[0].descriptors, found[1].descriptors)
+expected = found[0].positions[pairs[:, 0]] * [narrow, 1]
+away = np.linalg.norm(expected - found[1].positions[pairs[:, 1]], axis=1)
+print(json.dumps([int((away < 2).sum()), len(away)]))
+"""
+
 ADJUST = """
 import json, sys
 import numpy as np
@@ -137,6 +170,14 @@ def test_key_points_and_matches_do_not_depend_on_the_number_of_threads(
     assert len(notes) == 9 + 36
 
 
+def test_the_last_attempt_matches_what_is_seen_aslant(tmp_path: Path) -> None:
+    usual, _ = answer(TILTED, str(tmp_path), False)
+    last, matched = answer(TILTED, str(tmp_path), True)
+    assert last > 3 * usual
+    assert last > 100
+    assert last > 0.9 * matched
+
+
 def test_the_robust_adjustment_is_closer_than_least_squares_and_repeats() -> None:
     plain, (free, *fixed) = answer(ADJUST)
     assert free[0] < 0.7 * plain
@@ -173,7 +214,7 @@ def test_further_attempts_follow_while_views_are_missing_and_the_best_counts(
         for k, what in enumerate(
             (
                 "up to 8,192 key points kept, all pairs compared",
-                "fainter key points sought by COLMAP's SIFT, up to 8,192 kept",
+                "fainter key points of affine shapes sought by COLMAP's SIFT, up to 8,192 kept",
             )[: len(tried) - 1],
             start=1,
         )

@@ -1,6 +1,6 @@
 """A saliency network in ONNX Runtime: photos in, soft maps out.
 
-Works with the bundled pair of U²-NetP and with any ONNX file of U²-Net's convention: one input
+Works with the bundled three of U²-NetP and with any ONNX file of U²-Net's convention: one input
 [N, 3, H, W] float32, the first output the fused map [N, 1, H, W]. Size and names are read from the
 file. Of a file that combines networks (``ensemble``), what each says by itself is in outputs of the
 same shape, named ``saliency/1``, ``saliency/2``, …; other outputs are passed over.
@@ -20,8 +20,8 @@ from mattgs_ops.errors import InputError, StageError
 from mattgs_ops.segment.network.preprocess import network_input
 from mattgs_ops.segment.onnx_file import open_model
 
-# made by ``mattgs segment combine`` of the two networks beside it
-BUNDLED_MODEL = Path(__file__).resolve().parents[2] / "bundled" / "segmenter" / "u2netp-pair.onnx"
+# made by ``mattgs segment combine`` of three networks beside it
+BUNDLED_MODEL = Path(__file__).resolve().parents[2] / "bundled" / "segmenter" / "u2netp-trio.onnx"
 DEFAULT_SIZE = 320  # for files that leave the size open; what U²-Net was published with
 LEAST_CONTRAST = 0.05  # of probability; a map flatter than this has found nothing
 SALIENCY = "saliency"  # the output of files made here; what their networks say is "saliency/1", …

@@ -53,11 +53,11 @@ def test_weights_that_are_no_file_are_refused(tmp_path: Path, name: str) -> None
     assert not (tmp_path / "f").exists()
 
 
-def test_the_bundled_file_is_what_its_two_networks_become(tmp_path: Path) -> None:
+def test_the_bundled_file_is_what_its_three_networks_become(tmp_path: Path) -> None:
     out = tmp_path / "mean.onnx"
-    names = ("u2netp-wide.onnx", "u2netp-traced.onnx")
-    pair = [str(BUNDLED_MODEL.with_name(name)) for name in names]
-    result = CliRunner().invoke(app, ["segment", "combine", str(out), *pair])
+    names = ("u2netp-traced.onnx", "u2netp-rooms.onnx", "u2netp-corners.onnx")
+    parts = [str(BUNDLED_MODEL.with_name(name)) for name in names]
+    result = CliRunner().invoke(app, ["segment", "combine", str(out), *parts])
     assert result.exit_code == 0, result.output
     assert f"Segmenter: {out.resolve()} (within " in result.output
     assert SaliencyNetwork(out).width == 256

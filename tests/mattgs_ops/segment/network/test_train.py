@@ -240,6 +240,7 @@ RECIPES = (
     "train-desks.toml",
     "train-wide.toml",
     "train-u2net.toml",
+    "train-rooms.toml",
 )
 
 

@@ -28,6 +28,7 @@ from mattgs_ops.segment.training_images.textures import Bank
 from mattgs_ops.segment.training_images.things import OBJECTS
 from mattgs_ops.segment.training_images.traced.objects import put_figure, put_thing
 from mattgs_ops.segment.training_images.traced.rooms import Room, lay_room, put_random
+from mattgs_ops.synthetic.tracer import GRID
 
 if TYPE_CHECKING:  # Mitsuba is an extra
     from collections.abc import Callable
@@ -44,7 +45,7 @@ CLEAR, REACH = 15.0, 50.0  # centimetres: free radius on the desk, distance of t
 NEAREST = 22.0  # centimetres from the eye to the middle of the object
 SCALE = (10, 14)  # centimetres to an object's unit
 LOWEST, HIGHEST = 10, 62  # degrees of elevation
-GRID, ROOM_GRID = 5, 3  # samples per pixel and direction of a mask
+ROOM_GRID = 3  # samples per pixel and direction of a room's mask; the tracer's own for the rest
 MIDRIFF = 6.0  # centimetres above its foot that an object is focused at
 MIDDLE = (0.06, 0.45)  # linear brightness that a camera gives the middle of what it measures
 SEEN = 0.005  # of a photo: an object that covers less is hidden by something, the view is dropped
@@ -222,13 +223,21 @@ def _traced(
 ) -> NDArray[np.uint8]:
     """Trace a view as the captures are; [H, W, 3] uint8 RGB."""
     from mattgs_ops.synthetic.render import EXPOSURE, photograph
+
+    _move_flash(scene, pose, ground, rng)
+    exposure = EXPOSURE * float(np.exp(ground.spread * rng.normal()))
+    seed = int(rng.integers(1 << 30))
+    return photograph(scene, pose, *size, SAMPLES, seed, exposure)
+
+
+def _move_flash(
+    scene: "Tracer", pose: NDArray[np.float64], ground: "Ground", rng: np.random.Generator
+) -> None:
+    """Put the flash, where there is one, a little above the lens."""
     from mattgs_ops.synthetic.surroundings.grounds import FLASH
 
     if ground.flash:
         scene.move_lamp(FLASH, pose[:3, 3] + rng.uniform(3, 9) * pose[:3, 1])
-    exposure = EXPOSURE * float(np.exp(ground.spread * rng.normal()))
-    seed = int(rng.integers(1 << 30))
-    return photograph(scene, pose, *size, SAMPLES, seed, exposure)
 
 
 def _traced_room(
@@ -241,11 +250,9 @@ def _traced_room(
     """Trace a view of a room, exposed by what is seen; [H, W, 3] uint8 RGB."""
     from mattgs_ops.synthetic.denoise import denoise
     from mattgs_ops.synthetic.render import develop
-    from mattgs_ops.synthetic.surroundings.grounds import FLASH
     from mattgs_ops.synthetic.tracer import Lens
 
-    if room.ground.flash:
-        scene.move_lamp(FLASH, pose[:3, 3] + rng.uniform(3, 9) * pose[:3, 1])
+    _move_flash(scene, pose, room.ground, rng)
     focus = float(np.linalg.norm(pose[:3, 3] - [0, 0, room.ground.top + MIDRIFF]))
     lens = Lens(room.aperture, focus) if room.aperture else None
     traced = scene.render(pose, *size, SAMPLES, int(rng.integers(1 << 30)), lens)

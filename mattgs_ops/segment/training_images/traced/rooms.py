@@ -141,7 +141,7 @@ def _table(stage: Stage, rng: Generator, bank: Bank) -> None:
         else:
             beside = Stage()
             put_random(beside, 0.02, float(rng.uniform(3, 7)), bank, rng)
-            _move(beside, stage, x, y, 0.0)
+            _move(beside, stage, x, y)
 
 
 def _pedestal(stage: Stage, drop: float, rng: Generator, bank: Bank) -> None:
@@ -183,14 +183,14 @@ def _far_thing(
         stage.add(post.at(x, y, top), _covered("wall", rng, bank), own=False)
     other = Stage()
     put_random(other, top, float(rng.uniform(10, 45)), bank, rng)
-    _move(other, stage, x, y, 0.0)
+    _move(other, stage, x, y)
 
 
-def _move(group: Stage, stage: Stage, x: float, y: float, z: float) -> None:
+def _move(group: Stage, stage: Stage, x: float, y: float) -> None:
     """Put what stands on another stage on this one, as ground."""
     for (material, part, _), meshes in group.pieces.items():
         for mesh in meshes:
-            stage.add(mesh.at(x, y, z), material, part, own=False)
+            stage.add(mesh.at(x, y), material, part, own=False)
 
 
 def _lamps(half: Array, height: float, rng: Generator) -> dict[str, Any]:

@@ -12,7 +12,8 @@ The photos are the second test: no object ends in the middle of even black cloth
 therefore multiplied by the share of the outlines, of votes and of maps, that lies on photos' edges.
 Where votes score at least as well, they are the masks, even against a view's own map; on plain
 ground only where outlines of the maps miss edges, and theirs lie on them at least as much. Where
-both edges and silhouettes surely prefer the maps, votes make no masks and correct no outline
+both edges and silhouettes surely prefer the maps, votes make no masks and correct no outline; nor
+do they make the masks where maps, by what they predict of each other, are worth more
 (``vote_checks``).
 Elsewhere a view's own map is corrected, not replaced: the average of own map, silhouettes and
 votes, weighted by their agreement; of own map and votes along its outline, for which silhouettes
@@ -102,11 +103,14 @@ def half_meet_best(level: float) -> bool:
     return level >= CERTAIN
 
 
-def decide(views: ViewMaps, votes: VotedMaps | None) -> tuple[Decision, list[SoftMap]]:
+def decide(
+    views: ViewMaps, votes: VotedMaps | None, *, final: bool = False
+) -> tuple[Decision, list[SoftMap]]:
     """Return the decision, and each view's map [H, W] in [0, 1]: 0.5 is the outline.
 
     What holds for the capture is decided by the views that are trained on; the others get masks by
     that decision and do not influence it. ``votes`` is None where no view calls a splat object.
+    ``final``: no other votes are left to be tried, and maps may be surely worth more.
     """
     own, others, trained = views.own, views.predicted, views.trained_views
     on_edges = {"maps": own.mean_on_edges(trained)}
@@ -119,7 +123,7 @@ def decide(views: ViewMaps, votes: VotedMaps | None) -> tuple[Decision, list[Sof
     voted = whole if parts.join else certain
     agreement = _votes_agreement(votes, voted, views.with_object)
     left = share_left(views, voted.maps)
-    why_not = why_not_votes(views, votes, voted, agreement, on_edges, left)
+    why_not = why_not_votes(views, votes, voted, agreement, on_edges, left, final=final)
     against_votes = views_against_votes(views, certain, voted)
     sources: list[Source] = ["maps" if why_not or one else "votes" for one in against_votes]
     mixed, kept = _corrected(views, votes, voted, against_votes if why_not else None)

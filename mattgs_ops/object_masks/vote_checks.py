@@ -2,7 +2,8 @@
 
 ``why_not_votes`` says it for the capture, in words that go into ``scene.json``: votes meet maps and
 edges less than silhouettes and maps do, the ground's cut went through the object, edges and
-silhouettes surely prefer the maps, or the ground is plain and edges leave nothing to mend.
+silhouettes surely prefer the maps, the ground is plain and edges leave nothing to mend, or maps
+predict each other better than votes do.
 ``views_against_votes`` returns which single views keep their own map.
 """
 
@@ -31,11 +32,14 @@ def why_not_votes(
     agreement: float,
     on_edges: dict[str, float],
     left: float,
+    *,
+    final: bool,
 ) -> str:
     """Say why votes do not make the capture's masks; empty where they do.
 
     ``voted`` are the masks that the votes would make, ``agreement`` is their IoU with the own maps,
     ``on_edges`` the share of outlines on edges by whose they are, ``left`` see ``share_left``.
+    ``final``: these are the best of several votes, and are compared with maps once more.
     """
     by_agreement = _why_not_by_agreement(views.silhouettes, agreement, on_edges)
     if by_agreement:
@@ -45,8 +49,10 @@ def why_not_votes(
     if maps_surely_better(views, voted):
         return "the photos' edges and the other views' silhouettes surely prefer the maps"
     if views.plain_ground:
-        return _why_not_by_edges(voted.mean_on_edges(views.trained_views), on_edges["maps"])
-    return ""
+        by_edges = _why_not_by_edges(voted.mean_on_edges(views.trained_views), on_edges["maps"])
+        if by_edges:
+            return by_edges
+    return _why_not_by_worths(views, voted) if final else ""
 
 
 def maps_surely_better(views: ViewMaps, voted: MapScores) -> bool:
@@ -95,6 +101,22 @@ def _why_not_by_agreement(silhouettes: float, votes: float, on_edges: dict[str, 
         f"{on_edges['votes']:.2f}, less than silhouettes, {silhouettes:.2f}, and maps, "
         f"{on_edges['maps']:.2f}, do"
     )
+
+
+def _why_not_by_worths(views: ViewMaps, voted: MapScores) -> str:
+    """Say why maps are worth more than votes, each by what its own kind predicts; empty if not.
+
+    What each map misses lowers maps, and is what votes mend; what splats lack, such as a white roof
+    on a white sweep, lowers votes. Thin, open things predict each other less, too: votes whose
+    outlines surely lie on edges more are not compared.
+    """
+    on_edges = ([one.on_edges[k] for k in views.trained_views] for one in (voted, views.own))
+    if surely_larger(*on_edges):
+        return ""
+    maps, votes = (float(np.mean(one)) for one in (views.own_worths, views.worths(voted.maps)))
+    if votes >= maps:
+        return ""
+    return f"by each other and the photos' edges the maps are worth {maps:.3f}, votes {votes:.3f}"
 
 
 def _why_not_by_edges(votes: float, maps: float) -> str:

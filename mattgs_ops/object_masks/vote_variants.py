@@ -25,7 +25,7 @@ from mattgs_ops.object_masks.map_scores import ViewMaps
 from mattgs_ops.object_masks.photo_evidence.significance import surely_larger
 from mattgs_ops.object_masks.splats.ground_plane import Plane
 from mattgs_ops.object_masks.splats.surfaces import without_haze
-from mattgs_ops.object_masks.splats.votes import SplatVotes, collect, masks_of
+from mattgs_ops.object_masks.splats.votes import SplatVotes, VotedMaps, collect, masks_of
 from mattgs_ops.object_masks.vote_checks import LEAST_LEFT
 from mattgs_ops.splat.gaussians import Splats
 
@@ -34,10 +34,11 @@ Measure = Callable[[ViewEvidence], float]
 
 @dataclass(frozen=True)
 class Outcome:
-    """A decision with the maps that follow, one a view, and the variant of the vote."""
+    """A decision with the maps that follow, one a view, the votes and their variant."""
 
     decision: Decision
     maps: list[SoftMap]
+    votes: VotedMaps | None
     ground: Plane | None
     ground_cut: bool
     half_needed: bool
@@ -88,14 +89,19 @@ class VoteVariants:
     def best(self, splats: Splats) -> Outcome:
         """Let views vote on the splats without haze, and with it where those votes are preferred.
 
-        Haze may also be what little a short training has put on an even, dark plate.
+        Haze may also be what little a short training has put on an even, dark plate. The best
+        votes are compared with the maps once more; not where ground was cut away, which all maps
+        may take along.
         """
         surfaces = without_haze(splats)
-        clear = self._votes_on(surfaces)
-        if len(surfaces) == len(splats):
-            return clear
-        hazy = replace(self._votes_on(splats), haze_votes=True)
-        return self._preferred(hazy, clear)
+        found = self._votes_on(surfaces)
+        if len(surfaces) < len(splats):
+            hazy = replace(self._votes_on(splats), haze_votes=True)
+            found = self._preferred(hazy, found)
+        if not found.votes_used or found.ground_cut:
+            return found
+        decision, maps = decide(self.views, found.votes, final=True)
+        return replace(found, decision=decision, maps=maps)
 
     def _votes_on(self, splats: Splats) -> Outcome:
         """Let views vote on these splats, by a quarter or a half, with the ground's cut or not."""
@@ -139,7 +145,9 @@ class VoteVariants:
                 threads=self.threads,
             )
         decision, maps = decide(self.views, votes)
-        return Outcome(decision, maps, ground, cut_ground and ground is not None, half_needed)
+        return Outcome(
+            decision, maps, votes, ground, cut_ground and ground is not None, half_needed
+        )
 
     def _surely_better_uncut(self, cut: Outcome, uncut: Outcome) -> bool:
         """Whether votes without the ground's cut are surely better by edges, or by both measures.

@@ -139,7 +139,7 @@ def test_the_ground_is_cut_unless_that_goes_through_a_plate_of_the_object(
     scene, capture = solved(tmp_path / "in", "u2net", maps, photos)
     monkeypatch.setattr(cross_view, "train_surfaces", lambda *_args, **_settings: splats)
     if not votes_used:
-        monkeypatch.setattr(decision, "why_not_votes", lambda *_: "not used")
+        monkeypatch.setattr(decision, "why_not_votes", lambda *_args, **_settings: "not used")
     found = agree(scene, capture, tmp_path / "out")
     assert not found.extra["agreement"]["plain_ground"]["used"]
     assert found.extra["agreement"]["ground_share"] > 0.5

@@ -1,9 +1,15 @@
-"""Single views that keep their own map where the votes make the masks."""
+"""Votes that do not make the masks of a view, or of the capture though they are the best."""
 
+import numpy as np
 import pytest
 
+from mattgs_ops.object_masks.decision import decide
+from mattgs_ops.object_masks.silhouettes import Silhouettes, iou
 from mattgs_ops.object_masks.vote_checks import _unlike_trained
+from tests.mattgs_ops.object_masks.ball import HEIGHT, VIEWS, WIDTH
+from tests.mattgs_ops.object_masks.test_decision import TRUTHS, views_of, votes
 
+SPECKLED = np.random.default_rng(0).integers(0, 255, (HEIGHT, WIDTH, 3), np.uint8)
 TRAINED = [0.90, 0.80, 0.86, 0.84]  # by votes, where silhouettes meet all maps to 0.9
 
 
@@ -37,3 +43,36 @@ def test_among_many_held_out_views_one_may_be_low_by_chance() -> None:
 
 def test_without_training_views_nobody_knows() -> None:
     assert _unlike_trained([0.1], [0.9], []) == [False]
+
+
+@pytest.mark.parametrize("final", [True, False])
+@pytest.mark.parametrize("own_lack", [True, False])
+def test_the_best_votes_make_no_masks_where_maps_predict_each_other_better(
+    final: bool, own_lack: bool
+) -> None:
+    """One of the two lacks another part of the ball in each view; photos have edges everywhere."""
+    lacking = [t.copy() for t in TRUTHS]
+    for index, soft in enumerate(lacking):
+        soft[24 + 2 * index :][:8, 52:] = 0
+    own, sure = (lacking, TRUTHS) if own_lack else (TRUTHS, lacking)
+    low = Silhouettes([t * 0 for t in TRUTHS], [0.0] * VIEWS, 1.0)
+    found, maps = decide(views_of([SPECKLED] * VIEWS, own, low), votes(own, sure), final=final)
+    kept = final and not own_lack
+    assert found.masks == ("maps" if kept else "votes")
+    assert ("the maps are worth" in found.reason) is kept
+    assert (iou(maps[3] >= 0.5, TRUTHS[3] >= 0.5) > 0.95) is (kept or own_lack)
+
+
+def test_votes_whose_outlines_surely_lie_on_edges_more_need_not_predict_each_other() -> None:
+    """The maps fill a notch of the ball, which another place of it has in each view."""
+    notched, pictures = [t.copy() for t in TRUTHS], []
+    for index, soft in enumerate(notched):
+        soft[24 + 2 * index :][:8, 52:] = 0
+        photo = np.full((HEIGHT, WIDTH, 3), 120, np.uint8)
+        photo[soft > 0] = [40, 90, 160]
+        pictures.append(photo)
+    low = Silhouettes([t * 0 for t in TRUTHS], [0.0] * VIEWS, 1.0)
+    views = views_of(pictures, TRUTHS, low)
+    assert np.mean(views.worths(notched)) < np.mean(views.own_worths)
+    found, _ = decide(views, votes(TRUTHS, notched), final=True)
+    assert found.masks == "votes"

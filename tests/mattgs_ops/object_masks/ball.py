@@ -38,3 +38,11 @@ def leaking(maps: list[np.ndarray]) -> list[np.ndarray]:
     for index, soft in enumerate(leaked):
         soft[8 + index : 40 + index, slice(0, 30) if index % 2 else slice(-30, None)] = 1
     return leaked
+
+
+def notched(maps: list[np.ndarray]) -> list[np.ndarray]:
+    """Return copies of the views' maps that lack another part of the ball's right side in each."""
+    copies = [soft.copy() for soft in maps]
+    for index, soft in enumerate(copies):
+        soft[24 + 2 * index :][:8, 52:] = 0
+    return copies

@@ -6,7 +6,7 @@ import pytest
 from mattgs_ops.object_masks.decision import decide
 from mattgs_ops.object_masks.silhouettes import Silhouettes, iou
 from mattgs_ops.object_masks.vote_checks import _unlike_trained
-from tests.mattgs_ops.object_masks.ball import HEIGHT, VIEWS, WIDTH
+from tests.mattgs_ops.object_masks.ball import HEIGHT, VIEWS, WIDTH, notched
 from tests.mattgs_ops.object_masks.test_decision import TRUTHS, views_of, votes
 
 SPECKLED = np.random.default_rng(0).integers(0, 255, (HEIGHT, WIDTH, 3), np.uint8)
@@ -51,9 +51,7 @@ def test_the_best_votes_make_no_masks_where_maps_predict_each_other_better(
     final: bool, own_lack: bool
 ) -> None:
     """One of the two lacks another part of the ball in each view; photos have edges everywhere."""
-    lacking = [t.copy() for t in TRUTHS]
-    for index, soft in enumerate(lacking):
-        soft[24 + 2 * index :][:8, 52:] = 0
+    lacking = notched(TRUTHS)
     own, sure = (lacking, TRUTHS) if own_lack else (TRUTHS, lacking)
     low = Silhouettes([t * 0 for t in TRUTHS], [0.0] * VIEWS, 1.0)
     found, maps = decide(views_of([SPECKLED] * VIEWS, own, low), votes(own, sure), final=final)
@@ -65,14 +63,13 @@ def test_the_best_votes_make_no_masks_where_maps_predict_each_other_better(
 
 def test_votes_whose_outlines_surely_lie_on_edges_more_need_not_predict_each_other() -> None:
     """The maps fill a notch of the ball, which another place of it has in each view."""
-    notched, pictures = [t.copy() for t in TRUTHS], []
-    for index, soft in enumerate(notched):
-        soft[24 + 2 * index :][:8, 52:] = 0
+    lacking, pictures = notched(TRUTHS), []
+    for soft in lacking:
         photo = np.full((HEIGHT, WIDTH, 3), 120, np.uint8)
         photo[soft > 0] = [40, 90, 160]
         pictures.append(photo)
     low = Silhouettes([t * 0 for t in TRUTHS], [0.0] * VIEWS, 1.0)
     views = views_of(pictures, TRUTHS, low)
-    assert np.mean(views.worths(notched)) < np.mean(views.own_worths)
-    found, _ = decide(views, votes(TRUTHS, notched), final=True)
+    assert np.mean(views.worths(lacking)) < np.mean(views.own_worths)
+    found, _ = decide(views, votes(TRUTHS, lacking), final=True)
     assert found.masks == "votes"

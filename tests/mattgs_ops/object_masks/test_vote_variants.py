@@ -12,7 +12,7 @@ from mattgs_ops.object_masks.silhouettes import predict
 from mattgs_ops.object_masks.vote_variants import Outcome, VoteVariants
 from mattgs_ops.splat.gaussians import SH_CONSTANT, Splats
 from mattgs_ops.splat.rasterize import render
-from tests.mattgs_ops.object_masks.ball import CENTRE, VIEWS, orbit, truth
+from tests.mattgs_ops.object_masks.ball import CENTRE, VIEWS, notched, orbit, truth
 from tests.mattgs_ops.object_masks.splats.test_votes import BALL, scene_of_splats
 from tests.mattgs_ops.object_masks.test_decision import votes
 
@@ -97,6 +97,7 @@ def test_votes_with_haze_are_preferred_where_those_without_do_not_make_the_masks
 
     monkeypatch.setattr(VoteVariants, "_votes_on", votes_on)
     found = variants.best(veiled)
+    assert found.votes_used
     assert found.haze_votes is (hazy == "votes")
 
 
@@ -107,11 +108,8 @@ def test_the_best_votes_are_compared_with_the_maps_unless_ground_was_cut_away(
     """Votes lack another part of the ball in each view; right maps predict each other better."""
     variants = variants_of_ten_views()
     truths = list(variants.views.own.maps)
-    lacking = [t.copy() for t in truths]
-    for index, soft in enumerate(lacking):
-        soft[24 + 2 * index :][:8, 52:] = 0
     low = replace(variants.views, silhouettes=0.0, by_outline=[0.0] * VIEWS)
-    variants, voted = replace(variants, views=low), votes(truths, lacking)
+    variants, voted = replace(variants, views=low), votes(truths, notched(truths))
     decision, maps = decide(low, voted)
     assert decision.masks == "votes"
     usual = Outcome(decision, maps, voted, None, cut, half_needed=False)

@@ -14,8 +14,8 @@ beside it, are its alpha, or are in ``MASKS``; without any it has no scores. Tru
 Cameras that come with a capture are kept, bundled ones are estimated.
 
 ``--model`` names an ONNX file instead of the bundled network. ``--masks`` also takes ``grabcut``
-(the network's masks refined by colour) and ``no-network``. ``--speed`` times U²-NetP at 320 × 320
-and the bundled network, reading and resizing included.
+(the network's masks refined by colour) and ``no-network``. ``--speed`` times U²-NetP at 320 × 320,
+one of the bundled networks in single precision and the bundled file, reading and resizing included.
 """
 
 import argparse
@@ -85,7 +85,13 @@ def print_speed(threads: int, folder: Path) -> None:
         timed.outconv.weight.mul_(GAIN)
     export(timed, at_320, size=320)
     print("| model | side | threads | photos/s |\n|---|---|---|---|")
-    for name, path in (("U²-NetP", at_320), ("bundled", BUNDLED_MODEL)):
+    one = BUNDLED_MODEL.with_name("u2netp-rooms.onnx")
+    timed_files = (
+        ("U²-NetP", at_320),
+        ("one of the bundled, float32", one),
+        ("bundled", BUNDLED_MODEL),
+    )
+    for name, path in timed_files:
         for count in dict.fromkeys((1, threads)):
             side, rate = speed(path, count)
             print(f"| {name} | {side} | {count} | {rate:.1f} |")

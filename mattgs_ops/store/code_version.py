@@ -27,7 +27,7 @@ COMPILED = {
 }
 # Module → a file that it computes with
 WEIGHTS = {
-    "mattgs_ops.segment.outline.refine": Path("mattgs_ops/bundled/segmenter/outline.onnx"),
+    "mattgs_ops.segment.outline.refine": Path("mattgs_ops/bundled/segmenter/outline-int8.onnx"),
 }
 # Import name → distribution, of libraries whose version can change a result.
 LIBRARIES = {

@@ -42,6 +42,36 @@ def train_segmenter(
     typer.echo(f"Segmenter: {onnx.resolve()}")
 
 
+@segment_app.command("quantize")
+def quantize_network(
+    onnx: Annotated[Path, typer.Argument(help="The ONNX file to write.")],
+    network: Annotated[
+        Path, typer.Argument(help="The ONNX file of one network.", exists=True, dir_okay=False)
+    ],
+    config: Annotated[Path, typer.Option(help="The TOML file of its training.")],
+    outline: Annotated[bool, typer.Option("--outline", help="It moves outlines.")] = False,
+    images: Annotated[int, typer.Option(min=2, help="How many it is fitted to.")] = 128,
+) -> None:
+    """Make an ONNX file of a network that computes in eight bits.
+
+    It is fitted to composites as in its training, of another seed. Such a file is faster on CPUs
+    with VNNI, and no slower on others.
+    """
+    from mattgs_ops.segment.network.batches import unseen_inputs
+    from mattgs_ops.segment.network.saliency import SaliencyNetwork
+    from mattgs_ops.segment.network.train_config import load_train_config
+    from mattgs_ops.segment.outline.images import unseen_crops
+    from mattgs_ops.segment.outline.train_config import load_outline_config
+    from mattgs_ops.segment.quantize import quantize
+
+    if outline:
+        inputs = unseen_crops(load_outline_config(config), images)
+    else:
+        inputs = unseen_inputs(load_train_config(config), images, SaliencyNetwork(network).width)
+    difference = quantize(network, inputs, onnx)
+    typer.echo(f"Network: {onnx.resolve()} (mean difference of its maps {difference:.1g})")
+
+
 @segment_app.command("combine")
 def combine_segmenters(
     onnx: Annotated[Path, typer.Argument(help="The ONNX file to write.")],

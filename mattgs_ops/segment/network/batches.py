@@ -12,10 +12,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from mattgs_ops.capture.mask_files import decode_mask, find_mask
 from mattgs_ops.errors import InputError
 from mattgs_ops.segment.network.augment import augment
+from mattgs_ops.segment.network.preprocess import network_input
 from mattgs_ops.segment.network.train_config import FolderConfig, SegmentTrainConfig
 from mattgs_ops.segment.training_images.composites import Composites, Image
 from mattgs_ops.segment.training_images.textures import Bank
@@ -148,3 +150,17 @@ class Batches:
         return Composites(
             seed, size, self.bank, self.backdrops, self.backdrop_share, self.config.world
         )
+
+
+def unseen_inputs(config: SegmentTrainConfig, count: int, size: int) -> NDArray[np.float32]:
+    """Return network inputs [count, 3, size, size] of composites of another seed than training's.
+
+    They are changed as in training, and each is shown once; folders and traced views are left out.
+    """
+    seed = config.seed + VALIDATION_SEED_SHIFT
+    source = Composites(
+        seed, round(size * MARGIN), Bank(config.seed, config.patterns), world=config.world
+    )
+    rng = np.random.default_rng(seed)
+    drawn = (augment(rng, *source.sample(k), size, config.augment) for k in range(count))
+    return np.stack([network_input(image, size, size) for image, _ in drawn])

@@ -4,8 +4,9 @@ The file has one input ``image`` [N, 3, S, S] float32, S the largest side of the
 output ``saliency`` [N, 1, S, S] in 0..1, and what each network says by itself in ``saliency/1``,
 ``saliency/2``, … Inside, the image is resized to each network's side; each
 map is stretched to 0..1, as ``saliency.stretched`` does it, resized to S, and the mean is taken
-(an ensemble by averaging: Hansen and Salamon 1990). Weights are stored in half precision and
-computed with in single precision, so that two networks need the room of one.
+(an ensemble by averaging: Hansen and Salamon 1990). Networks in eight bits (``segment.quantize``)
+stay as they are. Weights of others are stored in half precision and computed with in single
+precision, so that two networks need the room of one.
 """
 
 from collections.abc import Sequence
@@ -26,6 +27,7 @@ from mattgs_ops.segment.onnx_file import OPSET
 # bundled networks that became 0.0007, which leaves room for other networks
 TOLERANCE = 0.01
 IMAGE = "image"
+QUANTIZED = "QuantizeLinear"  # a node that only networks in eight bits have
 EACH_MAP = [1, 2, 3]  # the axes of one map
 
 
@@ -90,8 +92,11 @@ def _graph(members: Sequence[_Member], side: int) -> GraphProto:
         own = compose.add_prefix(member.model, f"n{number}/").graph
         asked, said = own.input[0].name, own.output[0].name
         nodes += _resized(IMAGE, asked, channels=3, side=member.side, tensors=tensors)
-        for weights in own.initializer:
-            nodes += _halved(weights, tensors)
+        if any(node.op_type == QUANTIZED for node in own.node):
+            tensors.extend(own.initializer)
+        else:
+            for weights in own.initializer:
+                nodes += _halved(weights, tensors)
         nodes += own.node
         nodes += _stretched(said, f"{said}/stretched", tensors)
         nodes += _resized(

@@ -6,12 +6,19 @@ Each source has a folder with ``images/NAME.*`` and ``masks/NAME.png``; what is 
 from pathlib import Path
 
 import cv2
+import numpy as np
+from numpy.typing import NDArray
 
 from mattgs_ops.progress import Progress, no_progress
+from mattgs_ops.segment.outline.coarse import outline_of
+from mattgs_ops.segment.outline.crops import Pair, batch
 from mattgs_ops.segment.outline.train_config import OutlineTrainConfig, PaintedConfig
 from mattgs_ops.segment.training_images.composites import Composites
 from mattgs_ops.segment.training_images.textures import Bank
 from mattgs_ops.segment.training_images.traced.places import render_places
+
+UNSEEN_SEED_SHIFT = 1_000_003  # of composites that no training of the recipe saw
+CROPS_EACH = 4
 
 
 def draw_images(
@@ -29,6 +36,18 @@ def draw_images(
         folders.append(out / f"rendered{number}")
         render_places(places, folders[-1], progress=progress)
     return folders
+
+
+def unseen_crops(config: OutlineTrainConfig, count: int) -> NDArray[np.float32]:
+    """Return photos and coarse maps [count, 4, S, S], 0 to 1, of composites of another seed."""
+    painted = config.painted or PaintedConfig()
+    seed = painted.seed + UNSEEN_SEED_SHIFT
+    source = Composites(seed, painted.size, Bank(seed), world=painted.world)
+    drawn = [source.sample(index) for index in range(max(1, count // CROPS_EACH))]
+    outlines = [outline_of((mask > 127).astype(np.uint8)) for _, mask in drawn]
+    pairs = [Pair(*one, line) for one, line in zip(drawn, outlines, strict=True) if len(line)]
+    inputs, _, _ = batch([pairs], seed, 0, config.size, count)
+    return inputs
 
 
 def _paint(config: PaintedConfig, out: Path, progress: Progress) -> None:

@@ -15,8 +15,9 @@ from mattgs_ops.capture.masks import HALF, Mask, SoftMap, disc
 from mattgs_ops.segment.onnx_file import open_model
 from mattgs_ops.segment.outline.network import MULTIPLE
 
-# made by ``mattgs segment outline`` with the recipe beside it
-BUNDLED_OUTLINE = Path(__file__).resolve().parents[2] / "bundled" / "segmenter" / "outline.onnx"
+BUNDLED = Path(__file__).resolve().parents[2] / "bundled" / "segmenter"
+# made by ``mattgs segment outline`` with the recipe beside it, then ``mattgs segment quantize``
+BUNDLED_OUTLINE = BUNDLED / "outline-int8.onnx"
 LONGEST_SIDE = 1024  # pixels: larger photos are shrunk, so that errors span as much as learnt
 REACH = 16  # pixels around the outline, there; what is farther stays
 CONTEXT = 32  # pixels around the reach that the network sees, too

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from flows.cli.app import app
 from mattgs_ops.errors import InputError
 from mattgs_ops.segment.network.saliency import BUNDLED_MODEL, SaliencyNetwork
-from mattgs_ops.segment.outline.refine import OutlineRefiner
+from mattgs_ops.segment.outline.refine import BUNDLED_OUTLINE, OutlineRefiner
 
 RECIPE = """
 validate_every = 1
@@ -53,15 +53,51 @@ def test_weights_that_are_no_file_are_refused(tmp_path: Path, name: str) -> None
     assert not (tmp_path / "f").exists()
 
 
-def test_the_bundled_file_is_what_its_three_networks_become(tmp_path: Path) -> None:
+def test_two_networks_in_eight_bits_become_one_file(tmp_path: Path) -> None:
+    trained(tmp_path / "first", 1, 1e-3)
+    recipe, network = (tmp_path / "first" / name for name in ("recipe.toml", "u2netp.onnx"))
+    small = [tmp_path / "a.onnx", tmp_path / "b.onnx"]
+    for path, images in zip(small, ("2", "3"), strict=True):
+        command = ["segment", "quantize", str(path), str(network), "--config", str(recipe)]
+        result = CliRunner().invoke(app, [*command, "--images", images])
+        assert result.exit_code == 0, result.output
+        assert f"Network: {path.resolve()} (mean difference of its maps " in result.output
     out = tmp_path / "mean.onnx"
-    names = ("u2netp-traced.onnx", "u2netp-rooms.onnx", "u2netp-corners.onnx")
-    parts = [str(BUNDLED_MODEL.with_name(name)) for name in names]
-    result = CliRunner().invoke(app, ["segment", "combine", str(out), *parts])
+    result = CliRunner().invoke(app, ["segment", "combine", str(out), *map(str, small)])
     assert result.exit_code == 0, result.output
     assert f"Segmenter: {out.resolve()} (within " in result.output
-    assert SaliencyNetwork(out).width == 256
-    assert out.read_bytes() == BUNDLED_MODEL.read_bytes()
+    noise = np.random.default_rng(0).normal(size=(2, 3, 32, 32)).astype(np.float32)
+    each = [SaliencyNetwork(path).raw_maps(noise) for path in (*small, network)]
+    assert np.abs(each[0] - each[2]).max() < 0.1
+    assert out.stat().st_size < 0.8 * network.stat().st_size
+
+
+def test_the_bundled_file_asks_three_networks() -> None:
+    network = SaliencyNetwork(BUNDLED_MODEL)
+    assert (network.width, network.height) == (256, 256)
+    assert network.outputs == ["saliency", "saliency/1", "saliency/2", "saliency/3"]
+    assert BUNDLED_MODEL.stat().st_size < 8_000_000
+
+
+def test_an_outline_in_eight_bits_is_refused_for_a_saliency_network(tmp_path: Path) -> None:
+    recipe = tmp_path / "recipe.toml"
+    recipe.write_text("size = 32\n[painted]\ncount = 2\nsize = 64\n")
+    command = [
+        "segment",
+        "quantize",
+        str(tmp_path / "o.onnx"),
+        str(BUNDLED_OUTLINE.with_name("outline.onnx")),
+    ]
+    command += ["--config", str(recipe), "--images", "4"]
+    refused = CliRunner().invoke(app, command)
+    assert refused.exit_code != 0
+    result = CliRunner().invoke(app, [*command, "--outline"])
+    assert result.exit_code == 0, result.output
+    assert OutlineRefiner(tmp_path / "o.onnx").refine(
+        np.zeros((40, 50, 3), np.uint8),
+        np.zeros((40, 50), np.float32),
+        np.zeros((40, 50), np.uint8),
+    ).shape == (40, 50)
 
 
 def test_an_outline_that_was_trained_can_be_asked(tmp_path: Path) -> None:

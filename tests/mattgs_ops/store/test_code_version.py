@@ -137,7 +137,7 @@ def test_the_training_depends_on_the_engine_and_not_on_the_segmenter() -> None:
 
 
 def test_weights_count_where_their_module_is_imported(root: Path) -> None:
-    weights = root / "mattgs_ops/bundled/segmenter/outline.onnx"
+    weights = root / "mattgs_ops/bundled/segmenter/outline-int8.onnx"
     weights.parent.mkdir(parents=True)
     weights.write_bytes(b"a")
     user = root / "mattgs_ops/user.py"

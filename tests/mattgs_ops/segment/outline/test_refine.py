@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from mattgs_ops.capture.masks import quality
 from mattgs_ops.errors import InputError
-from mattgs_ops.segment.network.saliency import BUNDLED_MODEL
 from mattgs_ops.segment.outline.refine import REACH, OutlineRefiner
 
 HEIGHT, WIDTH = 200, 260
@@ -113,4 +112,3 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
     (tmp_path / "text.onnx").write_text("no")
     with pytest.raises(InputError, match=r"text\.onnx: expected an outline model"):
         OutlineRefiner(tmp_path / "text.onnx")
-    assert BUNDLED_MODEL.with_name("outline.onnx").stat().st_size < 1_100_000

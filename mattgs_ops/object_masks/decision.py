@@ -121,17 +121,17 @@ def decide(
     on_edges |= {"votes": certain.mean_on_edges(trained), "attached": whole.mean_on_edges(trained)}
     parts = choose_parts(views, certain, whole)
     voted = whole if parts.join else certain
-    agreement = _votes_agreement(votes, voted, views.with_object)
+    agreements = _votes_agreements(votes, voted, views.with_object)
     left = share_left(views, voted.maps)
-    why_not = why_not_votes(views, votes, voted, agreement, on_edges, left, final=final)
+    why_not = why_not_votes(views, votes, voted, agreements, left, final=final)
     against_votes = views_against_votes(views, certain, voted)
     sources: list[Source] = ["maps" if why_not or one else "votes" for one in against_votes]
     mixed, kept = _corrected(views, votes, voted, against_votes if why_not else None)
     found = Decision(
         masks="maps" if why_not else "votes",
-        reason=why_not or "votes meet maps and edges at least as well as silhouettes and maps do",
+        reason=why_not or "votes do not surely meet maps and edges less than silhouettes do",
         silhouettes=views.silhouettes,
-        votes=agreement,
+        votes=float(np.mean(agreements)),
         level=votes.level,
         confirmed=on_edges,
         attached=parts.added,
@@ -200,14 +200,16 @@ def _without_votes(views: ViewMaps, on_edges: dict[str, float]) -> Decision:
     )
 
 
-def _votes_agreement(votes: VotedMaps, voted: MapScores, with_object: Sequence[int]) -> float:
-    """Return the mean IoU of votes with own maps: of others' votes, or of what is delivered.
+def _votes_agreements(
+    votes: VotedMaps, voted: MapScores, with_object: Sequence[int]
+) -> list[float]:
+    """Return the IoU of votes with each view's own map: of others' votes, or of what is delivered.
 
     The latter counts where half of the votes meet maps best and no ground was cut away.
     """
     if half_meet_best(votes.level) and votes.place.ground is None:
-        return voted.mean_overlap(with_object)
-    return float(np.mean(votes.agreement))
+        return [voted.overlap[k] for k in with_object]
+    return votes.agreement
 
 
 def _makes_worse(views: ViewMaps, mixed: Sequence[SoftMap]) -> bool:

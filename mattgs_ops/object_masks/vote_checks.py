@@ -1,7 +1,7 @@
 """Why votes do not make the masks: of the capture, or of a single view.
 
-``why_not_votes`` says it for the capture, in words that go into ``scene.json``: votes meet maps and
-edges less than silhouettes and maps do, the ground's cut went through the object, edges and
+``why_not_votes`` says it for the capture, in words that go into ``scene.json``: votes surely meet maps
+and edges less than silhouettes and maps do, the ground's cut went through the object, edges and
 silhouettes surely prefer the maps, the ground is plain and edges leave nothing to mend, or maps
 predict each other better than votes do.
 ``views_against_votes`` returns which single views keep their own map.
@@ -29,19 +29,18 @@ def why_not_votes(
     views: ViewMaps,
     votes: VotedMaps,
     voted: MapScores,
-    agreement: float,
-    on_edges: dict[str, float],
+    agreements: Sequence[float],
     left: float,
     *,
     final: bool,
 ) -> str:
     """Say why votes do not make the capture's masks; empty where they do.
 
-    ``voted`` are the masks that the votes would make, ``agreement`` is their IoU with the own maps,
-    ``on_edges`` the share of outlines on edges by whose they are, ``left`` see ``share_left``.
-    ``final``: these are the best of several votes, and are compared with maps once more.
+    ``voted`` are the masks that the votes would make, ``agreements`` the IoU of votes with the own
+    map of each view that has an object, ``left`` see ``share_left``. ``final``: these are the best
+    of several votes, and are compared with maps once more.
     """
-    by_agreement = _why_not_by_agreement(views.silhouettes, agreement, on_edges)
+    by_agreement = _why_not_by_agreement(views, voted, agreements)
     if by_agreement:
         return by_agreement
     if votes.place.ground is not None and left < LEAST_LEFT:
@@ -49,7 +48,8 @@ def why_not_votes(
     if maps_surely_better(views, voted):
         return "the photos' edges and the other views' silhouettes surely prefer the maps"
     if views.plain_ground:
-        by_edges = _why_not_by_edges(voted.mean_on_edges(views.trained_views), on_edges["maps"])
+        trained = views.trained_views
+        by_edges = _why_not_by_edges(voted.mean_on_edges(trained), views.own.mean_on_edges(trained))
         if by_edges:
             return by_edges
     return _why_not_by_worths(views, voted) if final else ""
@@ -92,14 +92,25 @@ def share_left(views: ViewMaps, masks: Sequence[SoftMap]) -> float:
     return float(np.mean(shares)) if shares else 1.0
 
 
-def _why_not_by_agreement(silhouettes: float, votes: float, on_edges: dict[str, float]) -> str:
-    """Say why votes are not used; empty where they are."""
-    if votes * on_edges["votes"] >= silhouettes * on_edges["maps"]:
+def _why_not_by_agreement(views: ViewMaps, voted: MapScores, agreements: Sequence[float]) -> str:
+    """Say why votes are surely worth less than silhouettes; empty where they are not.
+
+    Each is worth its IoU with the own map times the share of outlines on edges: the votes' own, and
+    the maps' for silhouettes. It must be less on average, where silhouettes are compared, and
+    surely less view by view: near a tie, bits would decide.
+    """
+    trained, compared = views.trained_views, views.with_object
+    met, edges = float(np.mean(agreements)), voted.mean_on_edges(trained)
+    own_edges = views.own.mean_on_edges(trained)
+    if met * edges >= views.silhouettes * own_edges:
+        return ""
+    by_outline = [views.by_outline[k] * views.own.on_edges[k] for k in compared]
+    by_votes = [one * voted.on_edges[k] for k, one in zip(compared, agreements, strict=True)]
+    if not surely_larger(by_outline, by_votes):
         return ""
     return (
-        f"votes meet the photos' maps to {votes:.2f} and the photos' edges to "
-        f"{on_edges['votes']:.2f}, less than silhouettes, {silhouettes:.2f}, and maps, "
-        f"{on_edges['maps']:.2f}, do"
+        f"votes meet the photos' maps to {met:.2f} and the photos' edges to {edges:.2f}, surely "
+        f"less than silhouettes, {views.silhouettes:.2f}, and maps, {own_edges:.2f}, do"
     )
 
 

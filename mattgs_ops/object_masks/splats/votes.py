@@ -181,7 +181,7 @@ def _by_others(
         labels.append(tallied.labels(voter if votes else None))
         soft += render_labels(splats, labels[-1:], camera, place, threads=threads)
         voter += votes
-    compared = [index for index, mask in enumerate(own) if mask.any() and can_vote[index]]
+    compared = [index for index, votes in enumerate(can_vote) if votes]
     agreement = {level: [iou(soft[k] >= level, own[k]) for k in compared] for level in LEVELS}
     best = float(LEVELS[int(np.argmax([np.mean(agreement[level]) for level in LEVELS]))])
     firm = []

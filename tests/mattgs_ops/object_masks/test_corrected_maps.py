@@ -106,7 +106,7 @@ def test_maps_stay_where_correcting_them_leads_outlines_away_from_edges() -> Non
     floods = [grown(t, 20) for t in TRUTHS]
     found, maps = decide(
         views_of(photos(), own, Silhouettes(beside, met, 1.0)),
-        votes(TRUTHS, floods),
+        replace(votes(TRUTHS, floods), agreement=votes(own[:-1], floods[:-1]).agreement),
     )
     assert found.masks == "maps"
     assert found.own_kept

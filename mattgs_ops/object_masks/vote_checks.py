@@ -1,8 +1,8 @@
 """Why votes do not make the masks: of the capture, or of a single view.
 
-``why_not_votes`` says it for the capture, in words that go into ``scene.json``: votes surely meet maps
-and edges less than silhouettes and maps do, the ground's cut went through the object, edges and
-silhouettes surely prefer the maps, the ground is plain and edges leave nothing to mend, or maps
+``why_not_votes`` says it for the capture, in words that go into ``scene.json``: votes surely meet
+maps and edges less than silhouettes and maps do, the ground's cut went through the object, edges
+and silhouettes surely prefer the maps, the ground is plain and edges leave nothing to mend, or maps
 predict each other better than votes do.
 ``views_against_votes`` returns which single views keep their own map.
 """

@@ -75,21 +75,6 @@ def test_right_maps_survive_votes_that_fill_the_frame() -> None:
     assert min(scores) > 0.97
 
 
-@pytest.mark.parametrize(("step", "masks"), [(0.0, "maps"), (0.2, "votes")])
-def test_votes_that_meet_maps_a_little_less_are_refused_where_all_views_say_so(
-    step: float, masks: str
-) -> None:
-    """On average 0.05 less than silhouettes: in every view, or in half of them."""
-    own = [grown(t, 1) for t in TRUTHS]
-    met = [iou(a > 0, b > 0) for a, b in zip(TRUTHS, own, strict=True)]
-    outlines = Silhouettes(TRUTHS, met, 1.0)
-    less = [one - 0.05 + (step if k % 2 else -step) for k, one in enumerate(met)]
-    found, _ = decide(views_of(photos(), own, outlines), replace(votes(own, own), agreement=less))
-    assert found.confirmed["votes"] == found.confirmed["maps"]
-    assert found.votes == pytest.approx(found.silhouettes - 0.05)
-    assert found.masks == masks
-
-
 def test_votes_whose_outlines_run_through_even_ground_are_not_used() -> None:
     # they meet the maps as well as silhouettes do, but lie on black cloth
     away = [grown(t, 4) for t in TRUTHS]

@@ -1,5 +1,7 @@
 """Votes that do not make the masks of a view, or of the capture though they are the best."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,7 @@ from mattgs_ops.object_masks.decision import decide
 from mattgs_ops.object_masks.silhouettes import Silhouettes, iou
 from mattgs_ops.object_masks.vote_checks import _unlike_trained
 from tests.mattgs_ops.object_masks.ball import HEIGHT, VIEWS, WIDTH, notched
-from tests.mattgs_ops.object_masks.test_decision import TRUTHS, views_of, votes
+from tests.mattgs_ops.object_masks.test_decision import TRUTHS, grown, photos, views_of, votes
 
 SPECKLED = np.random.default_rng(0).integers(0, 255, (HEIGHT, WIDTH, 3), np.uint8)
 TRAINED = [0.90, 0.80, 0.86, 0.84]  # by votes, where silhouettes meet all maps to 0.9
@@ -73,3 +75,18 @@ def test_votes_whose_outlines_surely_lie_on_edges_more_need_not_predict_each_oth
     assert np.mean(views.worths(lacking)) < np.mean(views.own_worths)
     found, _ = decide(views, votes(TRUTHS, lacking), final=True)
     assert found.masks == "votes"
+
+
+@pytest.mark.parametrize(("step", "masks"), [(0.0, "maps"), (0.2, "votes")])
+def test_votes_that_meet_maps_a_little_less_are_refused_where_all_views_say_so(
+    step: float, masks: str
+) -> None:
+    """On average 0.05 less than silhouettes: in every view, or in half of them."""
+    own = [grown(t, 1) for t in TRUTHS]
+    met = [iou(a > 0, b > 0) for a, b in zip(TRUTHS, own, strict=True)]
+    outlines = Silhouettes(TRUTHS, met, 1.0)
+    less = [one - 0.05 + (step if k % 2 else -step) for k, one in enumerate(met)]
+    found, _ = decide(views_of(photos(), own, outlines), replace(votes(own, own), agreement=less))
+    assert found.confirmed["votes"] == found.confirmed["maps"]
+    assert found.votes == pytest.approx(found.silhouettes - 0.05)
+    assert found.masks == masks

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mattgs_ops.capture.masks import quality
 from mattgs_ops.errors import InputError
-from mattgs_ops.segment.outline.refine import REACH, OutlineRefiner
+from mattgs_ops.segment.outline.refine import BUNDLED_OUTLINE, REACH, OutlineRefiner
 
 HEIGHT, WIDTH = 200, 260
 
@@ -112,3 +112,5 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
     (tmp_path / "text.onnx").write_text("no")
     with pytest.raises(InputError, match=r"text\.onnx: expected an outline model"):
         OutlineRefiner(tmp_path / "text.onnx")
+    assert BUNDLED_OUTLINE.with_name("outline.onnx").stat().st_size < 1_100_000
+    assert BUNDLED_OUTLINE.stat().st_size < 1_100_000

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mattgs_ops.errors import InputError, StageError
+from mattgs_ops.errors import InputError
 
 Mask = NDArray[np.uint8]
 SoftMap = NDArray[np.float32]
@@ -153,9 +153,3 @@ def map_folders(soft: Path) -> list[Path]:
     """
     numbered = [folder for folder in soft.iterdir() if folder.name.isdecimal() and folder.is_dir()]
     return [soft, *sorted(numbered, key=lambda folder: int(folder.name))]
-
-
-def write_mask(path: Path, pixels: NDArray[np.uint8]) -> None:
-    """Write a mask or a saliency map [H, W]; raises :class:`StageError` when that fails."""
-    if not cv2.imwrite(str(path), pixels):
-        raise StageError(f"{path}: could not be written")

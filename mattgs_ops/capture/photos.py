@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from PIL import ExifTags, Image, UnidentifiedImageError
 
 from mattgs_ops.capture.formats.split_lists import LIST_FILES
-from mattgs_ops.errors import InputError
+from mattgs_ops.errors import InputError, StageError
 from mattgs_ops.naming import numbers_by_value
 
 FORMATS = ("JPEG", "PNG", "TIFF", "WEBP", "BMP")
@@ -171,7 +171,19 @@ def read_rgb(path: Path) -> NDArray[np.uint8]:
     bgr = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
     if bgr is None:
         raise InputError(f"{path}: expected a readable photo, found something else")
-    return np.ascontiguousarray(bgr[..., ::-1])
+    return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+
+
+def write_png(path: Path, pixels: NDArray[np.uint8]) -> None:
+    """Write a photo [H, W, 3] RGB, or a mask or map [H, W], lossless; folders are made.
+
+    OpenCV writes in half of Pillow's time, and reads its own files faster, too. Raises
+    :class:`StageError` when that fails.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    stored = pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)
+    if not cv2.imwrite(str(path), stored):
+        raise StageError(f"{path}: could not be written")
 
 
 def exif_focal(exif: Image.Exif, size: tuple[int, int]) -> float | None:

@@ -37,6 +37,7 @@ from mattgs_ops.capture.photos import (
     decode,
     exif_orientation,
     on_white,
+    write_png,
 )
 from mattgs_ops.capture.scene import POINTS_FILE, GivenPoints, PreparedCapture, Split, View
 from mattgs_ops.capture.source import Source, SourcePhoto, is_video, open_source, view_name
@@ -47,7 +48,6 @@ from mattgs_ops.errors import InputError
 from mattgs_ops.progress import Progress, no_progress
 
 MINIMUM_PHOTOS = 3  # two for geometry, and one held out
-PNG_EFFORT = 1  # zlib level: lossless either way, the fastest that still compresses
 
 Mask = NDArray[np.uint8]
 MasksAre = Literal["alpha", "given", "truth", "none"]
@@ -77,10 +77,6 @@ def prepare(
         if capture.path is None and capture.masks is None:
             masks_are = "truth"
         out = out.resolve()
-        (out / "photos").mkdir(parents=True, exist_ok=True)
-        if masks_are != "none":
-            (out / "masks").mkdir(exist_ok=True)
-            (out / "coverage").mkdir(exist_ok=True)
         total = len(source.photos)
         views, lenses = [], dict[Lens, Undistortion]()
         for index, photo in enumerate(source.photos):
@@ -242,10 +238,10 @@ def _write_view(
         mask = None if mask is None else binary(_area(mask, size), f"{where.path}: reduced mask")
         coverage = None if coverage is None else _area(coverage, size)
     file = f"{where.name}.png"
-    Image.fromarray(rgb).save(out / "photos" / file, compress_level=PNG_EFFORT)
+    write_png(out / "photos" / file, rgb)
     for folder, values in (("masks", mask), ("coverage", coverage)):
         if values is not None:
-            Image.fromarray(values).save(out / folder / file, compress_level=PNG_EFFORT)
+            write_png(out / folder / file, values)
     return View(
         where.name,
         split,
@@ -268,7 +264,7 @@ def _write_ids(source: Source, file: str, size: tuple[int, int], out: Path) -> P
     path = out / "ids" / file
     path.parent.mkdir(exist_ok=True)
     with Image.open(source.ids / file) as ids:
-        ids.resize(size, Image.Resampling.NEAREST).save(path, compress_level=PNG_EFFORT)
+        ids.resize(size, Image.Resampling.NEAREST).save(path)
     return path
 
 

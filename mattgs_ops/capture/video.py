@@ -12,15 +12,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
+from mattgs_ops.capture.photos import write_png
 from mattgs_ops.errors import InputError
 from mattgs_ops.progress import Progress, no_progress
 
 VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm"})
 SHARPNESS_WIDTH = 640  # pixels
 MIDDLE_HALF = (0.25, 0.75)  # of a stretch
-PNG_EFFORT = 1  # frames are read again within the minute
 
 Frame = NDArray[np.uint8]
 
@@ -89,5 +88,5 @@ def _frames_in(video: Path) -> int:
 
 def _write(folder: Path, index: int, frame: Frame) -> Path:
     path = folder / f"frame_{index:06}.png"
-    Image.fromarray(frame[..., ::-1]).save(path, compress_level=PNG_EFFORT)
+    write_png(path, cv2.cvtColor(frame, cv2.COLOR_BGR2RGB))
     return path

@@ -22,9 +22,8 @@ from mattgs_ops.capture.masks import (
     quality,
     read_map,
     threshold,
-    write_mask,
 )
-from mattgs_ops.capture.photos import read_rgb
+from mattgs_ops.capture.photos import read_rgb, write_png
 from mattgs_ops.capture.scene import PreparedCapture, Scene, View
 from mattgs_ops.object_masks.photo_evidence.edges import to_photo_edges
 from mattgs_ops.object_masks.shared_points import masks_at_shared_points
@@ -121,8 +120,8 @@ def _write_view(
     if soft is None or mask is None or not mask.any():
         return _Written(old, border_share(own), None, empty=not own.any())
     full = cv2.resize(soft, (view.width, view.height), interpolation=cv2.INTER_LINEAR)
-    write_mask(out / "masks" / mask_name(view.name), mask)
-    write_mask(out / "soft" / mask_name(view.name), np.rint(full * 255).astype(np.uint8))
+    write_png(out / "masks" / mask_name(view.name), mask)
+    write_png(out / "soft" / mask_name(view.name), np.rint(full * 255).astype(np.uint8))
     scored = None if truth is None else quality(mask, read_map(truth), full)
     row = ViewReport(view.name, float((mask > 0).mean()), (), scored)
     overlap = round(iou(own > 0, mask > 0), 4)

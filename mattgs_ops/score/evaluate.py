@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from mattgs_ops.capture.photos import write_png
 from mattgs_ops.capture.scene import Scene, Split
 from mattgs_ops.config import Condition
 from mattgs_ops.errors import InputError
@@ -35,7 +36,6 @@ from mattgs_ops.score.truth import (
     TruthView,
     as_bytes,
     link_truth,
-    save_png,
     store_truth,
     write_json,
 )
@@ -124,12 +124,12 @@ def render_views(
     for index, view in enumerate(stored.views):
         camera = camera_at(by_name[view.name], resolution)
         place = Path(view.split) / f"{view.name}.png"
-        save_png(out / "renders" / place, render_view(splats, camera, shown, threads=threads))
+        write_png(out / "renders" / place, render_view(splats, camera, shown, threads=threads))
         haze = None
         if view.split == "test":
             haze = haze_map(splats, camera, points, threads=threads)
         if haze is not None:
-            save_png(out / "haze" / place, as_bytes(haze))
+            write_png(out / "haze" / place, as_bytes(haze))
         rendered.append(RenderedView(**asdict(view), hazed=haze is not None))
         progress(index + 1, len(stored.views), f"{view.name} rendered")
     result = RenderedViews(

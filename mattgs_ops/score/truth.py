@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from mattgs_ops.capture.photos import write_png
 from mattgs_ops.capture.scene import Scene, Split
 from mattgs_ops.errors import InputError, StageError
 from mattgs_ops.frozen import Background
@@ -30,7 +31,6 @@ from mattgs_ops.whole_file import written_whole
 SCHEMA = 1
 TRUTH_FILE = "truth.json"
 KINDS = ("truth", "masks", "details")
-PNG_EFFORT = 1
 # of a pixel: a wire rarely fills half of one, see docs/captures.md on id maps
 DETAIL_SHARE = 0.25
 
@@ -101,13 +101,13 @@ def store_truth(
         target = load_truth(view, background, resolution)
         masked = view.mask is not None or view.coverage is not None
         place = Path(view.split) / f"{view.name}.png"
-        save_png(out / "truth" / place, as_bytes(target.image))
+        write_png(out / "truth" / place, as_bytes(target.image))
         if masked:
-            save_png(out / "masks" / place, as_bytes(target.mask))
+            write_png(out / "masks" / place, as_bytes(target.mask))
         # what training views show of small structures is not scored, even where it is known
         ids = view.ids if view.split == "test" else None
         if ids is not None:
-            save_png(out / "details" / place, small_structures(ids, target.mask.shape))
+            write_png(out / "details" / place, small_structures(ids, target.mask.shape))
         has = masked, ids is not None, view.coverage is not None
         stored.append(TruthView(view.name, view.split, *has))
         progress(index + 1, len(chosen), f"{view.name} stored")
@@ -132,12 +132,6 @@ def link_truth(folder: Path, out: Path) -> StoredTruth:
             except OSError:  # another file system, or one without links
                 shutil.copyfile(source, target)
     return stored
-
-
-def save_png(path: Path, pixels: NDArray[np.uint8]) -> None:
-    """Write an 8-bit image [H, W] or [H, W, 3], with little effort to make it small."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    Image.fromarray(pixels).save(path, compress_level=PNG_EFFORT)
 
 
 def write_json(path: Path, document: Mapping[str, Any] | Sequence[Any]) -> None:

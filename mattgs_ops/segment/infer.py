@@ -25,9 +25,8 @@ from mattgs_ops.capture.masks import (
     mask_name,
     quality,
     threshold,
-    write_mask,
 )
-from mattgs_ops.capture.photos import read_rgb
+from mattgs_ops.capture.photos import read_rgb, write_png
 from mattgs_ops.capture.scene import PreparedCapture, View
 from mattgs_ops.config import SegmentConfig
 from mattgs_ops.errors import InputError, StageError
@@ -64,11 +63,11 @@ def segment(
     rows: list[tuple[float, float, ViewReport]] = []
 
     def keep(view: View, maps: Sequence[SoftMap], mask: Mask) -> None:
-        write_mask(out / "masks" / mask_name(view.name), mask)
+        write_png(out / "masks" / mask_name(view.name), mask)
         for index, soft in enumerate(maps):
             folder = out / "soft" / (str(index) if index else "")
             folder.mkdir(exist_ok=True)
-            write_mask(folder / mask_name(view.name), np.rint(soft * 255).astype(np.uint8))
+            write_png(folder / mask_name(view.name), np.rint(soft * 255).astype(np.uint8))
         rows.append((border_share(mask), *_scored(view, mask, maps[0], capture)))
         progress(len(rows), len(capture.views), f"masks by {source}")
 

@@ -5,18 +5,16 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from mattgs_ops.capture.camera import Camera, Intrinsics
 from mattgs_ops.capture.formats.colmap_cameras import ColmapCamera
 from mattgs_ops.capture.masks import map_folders, read_map
-from mattgs_ops.capture.photos import read_rgb
+from mattgs_ops.capture.photos import read_rgb, write_png
 from mattgs_ops.capture.scene import PreparedCapture, SparsePoints, View
 from mattgs_ops.capture.sparse import SparseModel, object_points
 from mattgs_ops.capture.undistortion import Lens, Undistortion, undistortion
-from mattgs_ops.errors import StageError
 from mattgs_ops.parallel import over_views
 from mattgs_ops.sfm.checks import mask_path, read_mask
 
@@ -119,8 +117,8 @@ def _write_view(
         shutil.copyfile(mask_path(masks, view), mask)
     else:
         soft_by, ids_by, coverage_by = _soft(lens), lens.ids, lens.coverage
-        _write(photo, lens.photo(read_rgb(view.photo))[..., ::-1])  # OpenCV writes BGR
-        _write(mask, lens.mask(read_mask(masks, view)))
+        write_png(photo, lens.photo(read_rgb(view.photo)))
+        write_png(mask, lens.mask(read_mask(masks, view)))
     for read, written in maps.items():
         _write_map(read / name, soft_by, written / name)
     ids, coverage = view.ids, view.coverage
@@ -180,7 +178,7 @@ def _write_map(source: Path, resample: Callable[[Grey], Grey] | None, out: Path)
     if resample is None:
         shutil.copyfile(source, out)
         return out
-    _write(out, resample(read_map(source)))
+    write_png(out, resample(read_map(source)))
     return out
 
 
@@ -189,8 +187,3 @@ def _soft(resample: Undistortion) -> Callable[[Grey], Grey]:
     return lambda grey: np.ascontiguousarray(
         resample.photo(np.repeat(grey[..., None], 3, axis=2))[..., 0]
     )
-
-
-def _write(path: Path, image: NDArray[np.uint8]) -> None:
-    if not cv2.imwrite(str(path), image):
-        raise StageError(f"{path}: expected to be able to write the image")

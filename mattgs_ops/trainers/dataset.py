@@ -19,12 +19,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 from plyfile import PlyData, PlyElement
 
 from mattgs_ops.capture.camera import Camera
 from mattgs_ops.capture.formats.colmap_cameras import ColmapCamera
 from mattgs_ops.capture.formats.colmap_model import write_model
+from mattgs_ops.capture.photos import write_png
 from mattgs_ops.capture.scene import Scene
 from mattgs_ops.capture.sparse import NO_ERROR, SparseImage, SparseModel
 from mattgs_ops.errors import StageError
@@ -36,7 +36,6 @@ from mattgs_ops.trainer import Layout
 FEWEST_VIEWS = 2
 CENTRED = 0.5  # pixels that a principal point may lie off the middle in NeRF's layout
 SAME_FOCAL = 1e-3  # relative; of views that share one angle there
-PNG_EFFORT = 1
 
 
 def write_dataset(
@@ -63,9 +62,8 @@ def write_dataset(
     views = store_views(chosen, background, resolution)
     points = starting_points(scene.points(), views, background, seed).at_most(most_points, seed)
     images = folder / ("train" if layout == "nerf" else "images")
-    images.mkdir(parents=True)
     for view in views:
-        Image.fromarray(view.image).save(images / _file(view), compress_level=PNG_EFFORT)
+        write_png(images / _file(view), view.image)
     if layout == "colmap":
         write_model(_model(views, points), folder / "sparse" / "0")
     elif layout == "nerfstudio":

@@ -19,8 +19,9 @@ from mattgs_ops.capture.photos import (
     mark_output,
     on_white,
     read_rgb,
+    write_png,
 )
-from mattgs_ops.errors import InputError
+from mattgs_ops.errors import InputError, StageError
 from tests.mattgs_ops.capture.conftest import picture, run
 
 ORIENTATION = 0x0112
@@ -267,3 +268,15 @@ def test_a_stage_s_photo_is_read_as_red_green_blue(tmp_path: Path) -> None:
     for name in ("b.png", "missing.png"):
         with pytest.raises(InputError, match=rf"{name}: expected a readable photo"):
             read_rgb(tmp_path / name)
+
+
+def test_what_is_written_is_read_by_any_program_as_it_was(tmp_path: Path) -> None:
+    rgb, mask = colours(), colours()[..., 0]
+    write_png(tmp_path / "new" / "photo.png", rgb)
+    write_png(tmp_path / "new" / "mask.png", mask)
+    for name, pixels in (("photo.png", rgb), ("mask.png", mask)):
+        with Image.open(tmp_path / "new" / name) as stored:
+            np.testing.assert_array_equal(np.asarray(stored), pixels)
+    (tmp_path / "taken.png").mkdir()
+    with pytest.raises(StageError, match=r"taken\.png"):
+        write_png(tmp_path / "taken.png", mask)

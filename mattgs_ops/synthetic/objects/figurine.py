@@ -11,7 +11,7 @@ from skimage.measure import marching_cubes
 from mattgs_ops.synthetic.cameras import Orbit
 from mattgs_ops.synthetic.objects import parts
 from mattgs_ops.synthetic.surfaces.materials import Group, Stage, plain, pose
-from mattgs_ops.synthetic.surfaces.mesh import Array, Mesh, cylinder, rotation
+from mattgs_ops.synthetic.surfaces.mesh import Mesh, cylinder, rotation, wind
 from mattgs_ops.synthetic.surroundings.desk import Layout
 
 LAYOUT = Layout(clear=14, reach=28, tone=(150, 118, 84), keep=48)
@@ -77,13 +77,5 @@ def surface(rng: Generator) -> Mesh:
     points, faces, normals, _ = marching_cubes(field, LEVEL, spacing=(step, step, step))
     placed = points.astype(np.float64) - np.array([HALF, HALF, 0.2])
     outward = normals.astype(np.float64)
-    wound = _outward(placed, outward, faces.astype(np.int64))
+    wound = wind(placed, outward, faces.astype(np.int64))
     return Mesh(placed, outward, np.zeros((len(placed), 2)), wound)
-
-
-def _outward(points: Array, normals: Array, faces: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Wind the faces so that their front is where the normals point."""
-    a, b, c = (points[faces[:, k]] for k in range(3))
-    away = (np.cross(b - a, c - a) * normals[faces].sum(1)).sum(1) < 0
-    wound: NDArray[np.int64] = np.where(away[:, None], faces[:, ::-1], faces)
-    return wound

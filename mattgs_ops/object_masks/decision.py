@@ -12,9 +12,9 @@ The photos are the second test: no object ends in the middle of even black cloth
 therefore multiplied by the share of the outlines, of votes and of maps, that lies on photos' edges.
 Where votes score at least as well, they are the masks, even against a view's own map; on plain
 ground only where outlines of the maps miss edges, and theirs lie on them at least as much. Where
-both edges and silhouettes surely prefer the maps, votes make no masks and correct no outline; nor
-do they make the masks where maps, by what they predict of each other, are worth more
-(``vote_checks``).
+both edges and silhouettes surely prefer the maps, votes make no masks and correct no outline. In
+the end the best votes and the maps are compared by what each set predicts of its own kind: the one
+that is surely worth more makes the masks, else the average of both (``vote_checks``).
 Elsewhere a view's own map is corrected, not replaced: the average of own map, silhouettes and
 votes, weighted by their agreement; of own map and votes along its outline, for which silhouettes
 are too coarse, and on plain ground. Own maps stay where that surely leads outlines away from
@@ -33,7 +33,6 @@ that have never been fitted to it, surely show worse than those they were fitted
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -47,9 +46,12 @@ from mattgs_ops.object_masks.corrected_maps import (
 from mattgs_ops.object_masks.map_scores import MapScores, ViewMaps, choose_parts
 from mattgs_ops.object_masks.photo_evidence.significance import surely_larger
 from mattgs_ops.object_masks.splats.votes import CERTAIN, VotedMaps
-from mattgs_ops.object_masks.vote_checks import share_left, views_against_votes, why_not_votes
-
-Source = Literal["votes", "maps"]
+from mattgs_ops.object_masks.vote_checks import (
+    Source,
+    choose_masks,
+    share_left,
+    views_against_votes,
+)
 
 
 @dataclass(frozen=True)
@@ -110,7 +112,7 @@ def decide(
 
     What holds for the capture is decided by the views that are trained on; the others get masks by
     that decision and do not influence it. ``votes`` is None where no view calls a splat object.
-    ``final``: no other votes are left to be tried, and maps may be surely worth more.
+    ``final``: these are the best of several votes, and are compared with the maps once more.
     """
     own, others, trained = views.own, views.predicted, views.trained_views
     on_edges = {"maps": own.mean_on_edges(trained)}
@@ -123,13 +125,13 @@ def decide(
     voted = whole if parts.join else certain
     agreements = _votes_agreements(votes, voted, views.with_object)
     left = share_left(views, voted.maps)
-    why_not = why_not_votes(views, votes, voted, agreements, left, final=final)
+    choice = choose_masks(views, votes, voted, agreements, left, final=final)
     against_votes = views_against_votes(views, certain, voted)
-    sources: list[Source] = ["maps" if why_not or one else "votes" for one in against_votes]
-    mixed, kept = _corrected(views, votes, voted, against_votes if why_not else None)
+    sources: list[Source] = ["maps" if one else choice.masks for one in against_votes]
+    mixed, kept = _corrected(views, votes, voted, against_votes if choice.masks == "maps" else None)
     found = Decision(
-        masks="maps" if why_not else "votes",
-        reason=why_not or "votes do not surely meet maps and edges less than silhouettes do",
+        masks=choice.masks,
+        reason=choice.reason,
         silhouettes=views.silhouettes,
         votes=float(np.mean(agreements)),
         level=votes.level,
@@ -152,8 +154,8 @@ def decide(
             )
         ),
     )
-    chosen = zip(sources, voted.maps, mixed, strict=True)
-    return found, [v if source == "votes" else m for source, v, m in chosen]
+    chosen = zip(sources, choice.maps, mixed, strict=True)
+    return found, [m if source == "maps" else made for source, made, m in chosen]
 
 
 def _corrected(

@@ -1,17 +1,21 @@
 """Why votes do not make the masks: of the capture, or of a single view.
 
-``why_not_votes`` says it for the capture, in words that go into ``scene.json``: votes surely meet
+``choose_masks`` says it for the capture, in words that go into ``scene.json``: votes surely meet
 maps and edges less than silhouettes and maps do, the ground's cut went through the object, edges
-and silhouettes surely prefer the maps, the ground is plain and edges leave nothing to mend, or maps
-predict each other better than votes do.
+and silhouettes surely prefer the maps, or the ground is plain and edges leave nothing to mend. The
+best votes are compared with the maps once more, each by what its own kind predicts: votes, maps or,
+where neither is surely better, the average of both make the masks.
 ``views_against_votes`` returns which single views keep their own map.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from mattgs_ops.capture.masks import HALF, SoftMap
+from mattgs_ops.object_masks.corrected_maps import averaged
 from mattgs_ops.object_masks.map_scores import MOST_OFF_EDGES, MapScores, ViewMaps
 from mattgs_ops.object_masks.photo_evidence.colours import GOOD
 from mattgs_ops.object_masks.photo_evidence.significance import lowest_expected, surely_larger
@@ -24,8 +28,22 @@ LEAST = 0.01  # agreement below it counts as this much: ratios stay finite
 # times its own size of that.
 LEAST_LEFT = 0.25
 
+Source = Literal["votes", "maps", "both"]
 
-def why_not_votes(
+
+@dataclass(frozen=True)
+class Choice:
+    """Where the capture's masks come from, why, and the maps [H, W] that make them.
+
+    Of ``maps`` these are the votes', which make no mask then.
+    """
+
+    masks: Source
+    reason: str
+    maps: Sequence[SoftMap]
+
+
+def choose_masks(
     views: ViewMaps,
     votes: VotedMaps,
     voted: MapScores,
@@ -33,13 +51,26 @@ def why_not_votes(
     left: float,
     *,
     final: bool,
-) -> str:
-    """Say why votes do not make the capture's masks; empty where they do.
+) -> Choice:
+    """Choose where the capture's masks come from.
 
     ``voted`` are the masks that the votes would make, ``agreements`` the IoU of votes with the own
     map of each view that has an object, ``left`` see ``share_left``. ``final``: these are the best
-    of several votes, and are compared with maps once more.
+    of several votes, and are compared with the maps once more.
     """
+    why_not = _why_not_votes(views, votes, voted, agreements, left)
+    if why_not:
+        return Choice("maps", why_not, voted.maps)
+    if final:
+        return _choose_by_worths(views, voted)
+    reason = "votes do not surely meet maps and edges less than silhouettes do"
+    return Choice("votes", reason, voted.maps)
+
+
+def _why_not_votes(
+    views: ViewMaps, votes: VotedMaps, voted: MapScores, agreements: Sequence[float], left: float
+) -> str:
+    """Say why votes do not make the capture's masks; empty where they do."""
     by_agreement = _why_not_by_agreement(views, voted, agreements)
     if by_agreement:
         return by_agreement
@@ -52,7 +83,7 @@ def why_not_votes(
         by_edges = _why_not_by_edges(voted.mean_on_edges(trained), views.own.mean_on_edges(trained))
         if by_edges:
             return by_edges
-    return _why_not_by_worths(views, voted) if final else ""
+    return ""
 
 
 def maps_surely_better(views: ViewMaps, voted: MapScores) -> bool:
@@ -114,20 +145,24 @@ def _why_not_by_agreement(views: ViewMaps, voted: MapScores, agreements: Sequenc
     )
 
 
-def _why_not_by_worths(views: ViewMaps, voted: MapScores) -> str:
-    """Say why maps are worth more than votes, each by what its own kind predicts; empty if not.
+def _choose_by_worths(views: ViewMaps, voted: MapScores) -> Choice:
+    """Choose votes, maps, or the average of both, by what each predicts of its own kind.
 
     What each map misses lowers maps, and is what votes mend; what splats lack, such as a white roof
-    on a white sweep, lowers votes. Thin, open things predict each other less, too: votes whose
-    outlines surely lie on edges more are not compared.
+    on a white sweep, lowers votes. Thin, open things predict each other less, too: votes that are
+    worth less, but whose outlines surely lie on edges more, are averaged with the maps. So are
+    those that are as good: two guesses of one outline err in different places.
     """
+    by_maps, by_votes = views.own_worths, views.worths(voted.maps)
+    maps, votes = (float(np.mean(one)) for one in (by_maps, by_votes))
+    worth = f"by each other and the photos' edges the maps are worth {maps:.3f}, votes {votes:.3f}"
+    if surely_larger(by_votes, by_maps):
+        return Choice("votes", f"{worth}, surely more", voted.maps)
     on_edges = ([one.on_edges[k] for k in views.trained_views] for one in (voted, views.own))
-    if surely_larger(*on_edges):
-        return ""
-    maps, votes = (float(np.mean(one)) for one in (views.own_worths, views.worths(voted.maps)))
-    if votes >= maps:
-        return ""
-    return f"by each other and the photos' edges the maps are worth {maps:.3f}, votes {votes:.3f}"
+    if surely_larger(by_maps, by_votes) and not surely_larger(*on_edges):
+        return Choice("maps", f"{worth}, surely less", voted.maps)
+    both = averaged(views.own.maps, voted.maps, maps, votes)
+    return Choice("both", f"{worth}: neither is surely better", both)
 
 
 def _why_not_by_edges(votes: float, maps: float) -> str:

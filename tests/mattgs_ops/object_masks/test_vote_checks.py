@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mattgs_ops.object_masks.corrected_maps import averaged
 from mattgs_ops.object_masks.decision import decide
 from mattgs_ops.object_masks.silhouettes import Silhouettes, iou
 from mattgs_ops.object_masks.vote_checks import _unlike_trained
@@ -59,11 +60,11 @@ def test_the_best_votes_make_no_masks_where_maps_predict_each_other_better(
     found, maps = decide(views_of([SPECKLED] * VIEWS, own, low), votes(own, sure), final=final)
     kept = final and not own_lack
     assert found.masks == ("maps" if kept else "votes")
-    assert ("the maps are worth" in found.reason) is kept
+    assert ("surely less" in found.reason) is kept
     assert (iou(maps[3] >= 0.5, TRUTHS[3] >= 0.5) > 0.95) is (kept or own_lack)
 
 
-def test_votes_whose_outlines_surely_lie_on_edges_more_need_not_predict_each_other() -> None:
+def test_votes_that_predict_each_other_less_and_lie_on_edges_more_are_averaged_with_maps() -> None:
     """The maps fill a notch of the ball, which another place of it has in each view."""
     lacking, pictures = notched(TRUTHS), []
     for soft in lacking:
@@ -74,7 +75,26 @@ def test_votes_whose_outlines_surely_lie_on_edges_more_need_not_predict_each_oth
     views = views_of(pictures, TRUTHS, low)
     assert np.mean(views.worths(lacking)) < np.mean(views.own_worths)
     found, _ = decide(views, votes(TRUTHS, lacking), final=True)
-    assert found.masks == "votes"
+    assert found.masks == "both"
+
+
+def test_votes_and_maps_that_are_worth_the_same_are_averaged() -> None:
+    """Maps are too wide in every other view, votes in the rest; both are sure of what they show."""
+    wide = [grown(t, 2) for t in TRUTHS]
+    own, sure = (
+        [one if k % 2 == odd else t for k, (one, t) in enumerate(zip(wide, TRUTHS, strict=True))]
+        for odd in range(2)
+    )
+    views = views_of([SPECKLED] * VIEWS, own, Silhouettes(own, [0.5] * VIEWS, 1.0))
+    found, maps = decide(views, votes(own, sure), final=True)
+    assert found.masks == "both"
+    assert {view.masks for view in found.views} == {"both"}
+    assert "neither is surely better" in found.reason
+    maps_worth, votes_worth = (
+        float(np.mean(one)) for one in (views.own_worths, views.worths(sure))
+    )
+    for one, mean in zip(maps, averaged(own, sure, maps_worth, votes_worth), strict=True):
+        np.testing.assert_array_equal(one, mean)
 
 
 @pytest.mark.parametrize(("step", "masks"), [(0.0, "maps"), (0.2, "votes")])

@@ -84,6 +84,7 @@ def _caption(capture: str, scene: Scene, drawn: int, flags: Flags, place: Path) 
     whose = {
         "votes": "were voted on by the training views",
         "maps": "are the network's, corrected by the training views",
+        "both": "are the mean of the network's and of what the training views voted",
     }.get(str(agreement.get("masks", "")), SOURCES.get(source, "are the network's"))
     count = f"{drawn} of {len(scene.views)} photos" if drawn < len(scene.views) else "all photos"
     flagged = "; ".join(f"{name}: {', '.join(some)}" for name, some in flags.items() if some)

@@ -12,7 +12,7 @@ from mattgs_ops.capture.formats.colmap_model import write_model
 from mattgs_ops.capture.masks import mask_name, read_map
 from mattgs_ops.capture.scene import PreparedCapture, Scene, SparsePoints, View
 from mattgs_ops.capture.sparse import SparseImage, SparseModel
-from mattgs_ops.object_masks import cross_view, decision, vote_variants
+from mattgs_ops.object_masks import cross_view, vote_checks, vote_variants
 from mattgs_ops.object_masks.cross_view import agree
 from mattgs_ops.object_masks.photo_evidence import plain_ground
 from mattgs_ops.object_masks.silhouettes import iou
@@ -139,11 +139,12 @@ def test_the_ground_is_cut_unless_that_goes_through_a_plate_of_the_object(
     scene, capture = solved(tmp_path / "in", "u2net", maps, photos)
     monkeypatch.setattr(cross_view, "train_surfaces", lambda *_args, **_settings: splats)
     if not votes_used:
-        monkeypatch.setattr(decision, "why_not_votes", lambda *_args, **_settings: "not used")
+        monkeypatch.setattr(vote_checks, "_why_not_votes", lambda *_: "not used")
     found = agree(scene, capture, tmp_path / "out")
     assert not found.extra["agreement"]["plain_ground"]["used"]
     assert found.extra["agreement"]["ground_share"] > 0.5
-    assert found.extra["agreement"]["masks"] == ("votes" if votes_used else "maps")
+    used = "both" if plate else "votes"  # without the cut they are as good as the maps
+    assert found.extra["agreement"]["masks"] == (used if votes_used else "maps")
     assert found.extra["agreement"]["ground_cut"] != plate
     scores = [
         iou(read_map(view.mask) > 0, shown >= 0.5)

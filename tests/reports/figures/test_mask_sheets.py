@@ -34,6 +34,10 @@ def scene(folder: Path, agreement: dict[str, Any]) -> Scene:
             {"masks": "maps", "network": 2},
             "by the training views; network 2 of the model file is used, surely better than t",
         ),
+        (
+            {"masks": "both"},
+            "Masks are the mean of the network's and of what the training views voted.",
+        ),
         ({"none": "the photos' maps share no object"}, "Masks are the network's."),
     ],
 )

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-from mattgs_ops.object_masks.decision import Source, decide
+from mattgs_ops.object_masks.decision import decide
 from mattgs_ops.object_masks.map_scores import ViewMaps
 from mattgs_ops.object_masks.silhouettes import predict
+from mattgs_ops.object_masks.vote_checks import Source
 from mattgs_ops.object_masks.vote_variants import Outcome, VoteVariants
 from mattgs_ops.splat.gaussians import SH_CONSTANT, Splats
 from mattgs_ops.splat.rasterize import render

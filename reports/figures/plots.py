@@ -103,7 +103,10 @@ def save(
     folder.mkdir(parents=True, exist_ok=True)
     stem = folder / slug
     figure.savefig(stem.with_suffix(".pdf"), metadata={"CreationDate": None})
-    figure.savefig(stem.with_suffix(".png"), dpi=PNG_DPI, metadata={"Software": None})
+    effort = {"compress_level": 1} if pictorial else {}  # photos: half the time, 8 % more bytes
+    figure.savefig(
+        stem.with_suffix(".png"), dpi=PNG_DPI, metadata={"Software": None}, pil_kwargs=effort
+    )
     return Saved(slug, caption, stem, pictorial)
 
 

@@ -16,6 +16,7 @@ import markupsafe
 TERMINAL_WIDTH = 80
 GAP, NARROW_GAP = 2, 1  # blanks between columns; numbers have one behind them, or the `*`
 SHORTER = {"Size(MB)↓": "MB↓"}  # headings of narrow tables
+TO_THE_SECOND = re.compile(r"(\d+h \d\dm) \d\ds")  # of hours; the narrowest leave seconds out
 RUN = "Run"  # heading of the column of run ids
 CODE = re.compile(r"`([^`]+)`")  # settings and fields in sentences
 INTERVAL = ("low", "high", "median")  # of an entry, columns of the CSV where some entry has it
@@ -119,7 +120,8 @@ def plain(table: Table) -> str:
 def _fitting(table: Table) -> tuple[list[list[str]], int]:
     """Return the rows that fit a terminal with least lost, and the blanks between their columns.
 
-    Columns move together first, then spreads go below their numbers, then the runs are left out.
+    Columns move together first, then spreads go below their numbers, then the runs are left out,
+    and last the seconds beside hours.
     """
     without_runs = replace(table, with_runs=False)
     for form, inline in ((table, True), (table, False), (without_runs, False)):
@@ -127,7 +129,7 @@ def _fitting(table: Table) -> tuple[list[list[str]], int]:
             body = _plain_rows(form, inline=inline, short=gap == NARROW_GAP)
             if _width(body, gap) <= TERMINAL_WIDTH:
                 return body, gap
-    return body, gap
+    return [[TO_THE_SECOND.sub(r"\1", cell) for cell in row] for row in body], gap
 
 
 def _plain_rows(table: Table, *, inline: bool, short: bool) -> list[list[str]]:

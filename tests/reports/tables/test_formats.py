@@ -139,3 +139,14 @@ def test_a_narrow_table_has_a_short_heading_and_keeps_its_runs() -> None:
         shown.append(formats.plain(table).splitlines()[2])
     assert shown[0].split()[-2:] == ["Size(MB)↓", "Run"]
     assert shown[1].split()[-2:] == ["MB↓", "Run"]
+
+
+@pytest.mark.parametrize(("columns", "time"), [(6, "1h 02m 03s"), (7, "1h 02m")])
+def test_the_narrowest_table_has_no_seconds_beside_hours(columns: int, time: str) -> None:
+    entries = tuple(Entry("1.000") for _ in range(columns)), (Entry("1h 02m 03s"), Entry("2m 03s"))
+    heads = tuple(f"S{i}↑" for i in range(columns + 2))
+    lines = (Line("a", (*entries[0], *entries[1]), ("b" * 32,)),)
+    table = Table("t", "T", heads, heads, (Group("No BG", lines),))
+    row = formats.plain(table).splitlines()[4]
+    assert f" {time} " in row
+    assert " 2m 03s" in row

@@ -37,6 +37,7 @@ from mattgs_ops.naming import below, is_below
 Split = Literal["train", "test"]
 SCHEMA = 1
 POINTS_FILE = "given_points.npz"
+FROM_OBJECT = "poses from inside masks alone"  # ends the step of ``fallbacks`` that says so
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from mattgs_ops.capture.scene import FROM_OBJECT
 from mattgs_ops.naming import listed_names
 from mattgs_ops.object_masks.silhouettes import CONTRADICT
 from mattgs_ops.segment.contradictions import LEAST_SHARED
 from mattgs_ops.segment.mask_report import FRAME_SHARE, MaskReport
-from mattgs_ops.sfm.colmap.moving_object import FROM_OBJECT
 
 MANY = 0.5  # of the views: a flag that more than half of them carry is the capture's
 DIFFERENT_EXPOSURE = 0.5  # stops: cameras set exposure in steps of thirds

@@ -1,10 +1,13 @@
 """From a photo to the network's input, as U²-Net's reference implementation does it."""
 
+from typing import TYPE_CHECKING
+
 import cv2
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from torch import Tensor
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 IMAGENET_MEAN = np.array([0.485, 0.456, 0.406], np.float32)
 IMAGENET_DEVIATION = np.array([0.229, 0.224, 0.225], np.float32)
@@ -25,11 +28,13 @@ def network_input(
     return np.ascontiguousarray(normalised.transpose(2, 0, 1))
 
 
-def network_inputs(images: Tensor) -> Tensor:
+def network_inputs(images: "Tensor") -> "Tensor":
     """Do what ``network_input`` does to images [B, S, S, 3] uint8 of the network's own size.
 
     [B, 3, S, S] float32, where the images are.
     """
+    import torch  # takes seconds, and only training needs it
+
     mean, deviation = (
         torch.from_numpy(values).to(images.device) for values in (IMAGENET_MEAN, IMAGENET_DEVIATION)
     )

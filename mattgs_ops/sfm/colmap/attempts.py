@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from mattgs_ops.capture.scene import FROM_OBJECT
 from mattgs_ops.errors import StageError
 from mattgs_ops.progress import Progress
 from mattgs_ops.sfm.colmap import features, mapping, matching
@@ -18,7 +19,6 @@ from mattgs_ops.sfm.colmap.guides import Guides, beside, sets_of
 from mattgs_ops.sfm.colmap.job import DATABASE_FILE, MODEL_FOLDER, Answer, Job
 from mattgs_ops.sfm.colmap.matching import Verified, partners
 from mattgs_ops.sfm.colmap.moving_object import (
-    FROM_OBJECT,
     MOST_EXPLAINED,
     STANDS_STILL,
     explains_more,

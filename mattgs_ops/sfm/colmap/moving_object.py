@@ -17,7 +17,6 @@ from mattgs_ops.sfm.colmap.features import Matches, Pair
 
 Floats = NDArray[np.float64]
 
-FROM_OBJECT = "poses from inside masks alone"  # how the fallback ends that says so
 # Matches that a geometry of the object needs: COLMAP's default for placing a view. Parts
 # that repeat, such as legs, match wrongly with 15 to 30 in a third of the hexapod's pairs.
 FEWEST_MATCHES = 30

@@ -4,9 +4,9 @@ import re
 
 import pytest
 
+from mattgs_ops.capture.scene import FROM_OBJECT
 from mattgs_ops.object_masks.doubts import of_exposure, of_masks, of_poses
 from mattgs_ops.segment.mask_report import MaskReport, ViewReport
-from mattgs_ops.sfm.colmap.moving_object import FROM_OBJECT
 
 GOOD = {"silhouettes": 0.8, "votes": 0.9, "overlap": {"a": 0.9, "b": 0.7}}
 

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from mattgs_ops import sfm
-from mattgs_ops.capture.scene import PreparedCapture, View
+from mattgs_ops.capture.scene import FROM_OBJECT, PreparedCapture, View
 from mattgs_ops.config import SfmConfig
 from mattgs_ops.errors import StageError
 from mattgs_ops.sfm.colmap.job import Answer
 from mattgs_ops.sfm.colmap.matching import partners
-from mattgs_ops.sfm.colmap.moving_object import FROM_OBJECT, STANDS_STILL
+from mattgs_ops.sfm.colmap.moving_object import STANDS_STILL
 from mattgs_ops.sfm.lost_views import (
     OBJECT_TURNS,
     in_doubt,

@@ -36,7 +36,8 @@ from mattgs_ops.score.evaluate import render_views, score
 from mattgs_ops.segment.infer import segment
 from mattgs_ops.splat.attention import Floats, inner, local_attention
 from mattgs_ops.splat.files.ply import read_ply
-from mattgs_ops.splat.gaussians import SH_CONSTANT, Splats
+from mattgs_ops.splat.gaussians import Splats
+from mattgs_ops.splat.harmonics import SH_CONSTANT
 from mattgs_ops.splat.memory import Memory
 from mattgs_ops.splat.photos import StoredView, store_views, unit_range
 from mattgs_ops.splat.rasterize import backward, render

@@ -12,9 +12,8 @@ import torch
 from torch import Tensor
 
 from mattgs_ops.errors import InputError
+from mattgs_ops.splat.harmonics import SH_REST
 
-SH_CONSTANT = 0.28209479177387814  # Y_0^0 = 1 / (2 √π): colour is 0.5 + this times sh_dc
-SH_REST = 15  # coefficients of degree 1 to 3, always stored
 SHAPES: dict[str, tuple[int, ...]] = {
     "means": (3,),
     "log_scales": (3,),

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from mattgs_ops.capture.scene import Scene
 from mattgs_ops.errors import InputError
+from mattgs_ops.splat.files.ply_arrays import read_arrays
+from mattgs_ops.splat.harmonics import SH_CONSTANT
 
 Floats = NDArray[np.float64]
 MOST = 20_000  # splats kept per model
@@ -23,15 +25,13 @@ LEAST_ALPHA = 1 / 255  # below this a splat is never drawn
 
 def pack(path: Path, most: int = MOST) -> dict[str, Any]:
     """Read a PLY and return the JSON that the viewer decodes."""
-    from mattgs_ops.splat.files.ply import read_ply  # imports torch
-    from mattgs_ops.splat.gaussians import SH_CONSTANT
-
-    splats = read_ply(path)
-    means = splats.means.numpy().astype(np.float64)
-    scales = splats.log_scales.numpy().astype(np.float64)
-    alpha = 1 / (1 + np.exp(-splats.opacity_logits.numpy().astype(np.float64)))
-    quaternions = splats.quaternions.numpy().astype(np.float64)
-    colour = np.clip(0.5 + SH_CONSTANT * splats.sh_dc.numpy().astype(np.float64), 0, 1)
+    splats = read_arrays(path)
+    means, scales, quaternions, logits, harmonics = (
+        splats[name].astype(np.float64)
+        for name in ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc")
+    )
+    alpha = 1 / (1 + np.exp(-logits))
+    colour = np.clip(0.5 + SH_CONSTANT * harmonics, 0, 1)
     kept = choose(scales, alpha, most)
     if not len(kept):
         raise InputError(f"{path}: expected at least one visible splat, found none")
@@ -49,7 +49,7 @@ def pack(path: Path, most: int = MOST) -> dict[str, Any]:
     )
     return {
         "count": len(kept),
-        "total": int(splats.means.shape[0]),
+        "total": len(logits),
         "box": [_rounded(low), _rounded(high)],
         "scales": [least, top],
         "data": base64.b64encode(data).decode("ascii"),

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from mattgs_ops.capture.camera import Camera
 from mattgs_ops.capture.masks import SoftMap
 from mattgs_ops.object_masks.splats import ground_plane
-from mattgs_ops.splat.gaussians import SH_CONSTANT, Splats
+from mattgs_ops.splat.gaussians import Splats
+from mattgs_ops.splat.harmonics import SH_CONSTANT
 from mattgs_ops.splat.rasterize import backward, render
 
 FRONT = 2.0  # radii before the object's middle, beyond which a splat is no part of it

@@ -8,7 +8,8 @@ import torch
 from numpy.typing import NDArray
 
 from mattgs_ops.errors import InputError
-from mattgs_ops.splat.gaussians import SH_CONSTANT, SH_REST, Splats
+from mattgs_ops.splat.gaussians import Splats
+from mattgs_ops.splat.harmonics import SH_CONSTANT, SH_REST
 
 HALF_STEP = 0.5 / 255  # of an opacity that a byte holds
 

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mattgs_ops.splat.files.activated import Activated, Floats, activated, levels
-from mattgs_ops.splat.gaussians import SH_REST, Splats
+from mattgs_ops.splat.gaussians import Splats
+from mattgs_ops.splat.harmonics import SH_REST
 from mattgs_ops.whole_file import written_whole
 
 CHUNK = 256  # splats

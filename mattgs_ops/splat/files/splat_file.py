@@ -17,7 +17,8 @@ from mattgs_ops.splat.files.activated import (
     levels,
     splats_of,
 )
-from mattgs_ops.splat.gaussians import SH_CONSTANT, Splats
+from mattgs_ops.splat.gaussians import Splats
+from mattgs_ops.splat.harmonics import SH_CONSTANT
 from mattgs_ops.whole_file import written_whole
 
 RECORD = np.dtype(

@@ -29,7 +29,8 @@ from mattgs_ops.splat.files.activated import (
     levels,
     splats_of,
 )
-from mattgs_ops.splat.gaussians import SH_REST, Splats
+from mattgs_ops.splat.gaussians import Splats
+from mattgs_ops.splat.harmonics import SH_REST
 from mattgs_ops.whole_file import written_whole
 
 MAGIC, VERSION, DEGREE = 0x5053474E, 3, 3

@@ -12,8 +12,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from mattgs_ops.splat.gaussians import SH_REST
 from mattgs_ops.splat.gsplat_interface.drawing import COLOURS, Drawing, ImageGradients, Inputs, Key
+from mattgs_ops.splat.harmonics import SH_REST
 
 
 class Sums:

@@ -15,8 +15,8 @@ from torch import Tensor
 
 from mattgs_ops.errors import InputError
 from mattgs_ops.splat import _engine
-from mattgs_ops.splat.gaussians import SH_REST
 from mattgs_ops.splat.gsplat_interface.arguments import Limits, Scene
+from mattgs_ops.splat.harmonics import SH_REST
 
 GSPLAT_ALPHA_MAX = 0.999  # gsplat 1.5.3, RasterizeToPixels3DGSFwd.cu; 3DGS has 0.99
 COLOURS = 3  # channels that the engine always composites

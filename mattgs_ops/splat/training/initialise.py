@@ -26,7 +26,8 @@ from mattgs_ops.capture.scene import SparsePoints
 from mattgs_ops.capture.sparse import are_on_object
 from mattgs_ops.errors import StageError
 from mattgs_ops.frozen import Background
-from mattgs_ops.splat.gaussians import SH_CONSTANT, Splats
+from mattgs_ops.splat.gaussians import Splats
+from mattgs_ops.splat.harmonics import SH_CONSTANT
 from mattgs_ops.splat.photos import StoredView
 
 Array = NDArray[np.float64]

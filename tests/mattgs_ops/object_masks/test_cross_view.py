@@ -19,7 +19,8 @@ from mattgs_ops.object_masks.silhouettes import iou
 from mattgs_ops.segment.mask_report import MaskReport, ViewReport
 from mattgs_ops.sfm.colmap.job import KEYPOINTS_FILE
 from mattgs_ops.sfm.given_points import write_no_keypoints
-from mattgs_ops.splat.gaussians import SH_CONSTANT, Splats
+from mattgs_ops.splat.gaussians import Splats
+from mattgs_ops.splat.harmonics import SH_CONSTANT
 from mattgs_ops.splat.rasterize import render
 from tests.mattgs_ops.object_masks.ball import HEIGHT, WIDTH, leaking, orbit
 from tests.mattgs_ops.object_masks.splats.test_votes import BALL, made_of, scene_of_splats

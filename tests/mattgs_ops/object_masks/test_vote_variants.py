@@ -11,7 +11,8 @@ from mattgs_ops.object_masks.map_scores import ViewMaps
 from mattgs_ops.object_masks.silhouettes import predict
 from mattgs_ops.object_masks.vote_checks import Source
 from mattgs_ops.object_masks.vote_variants import Outcome, VoteVariants
-from mattgs_ops.splat.gaussians import SH_CONSTANT, Splats
+from mattgs_ops.splat.gaussians import Splats
+from mattgs_ops.splat.harmonics import SH_CONSTANT
 from mattgs_ops.splat.rasterize import render
 from tests.mattgs_ops.object_masks.ball import CENTRE, VIEWS, notched, orbit, truth
 from tests.mattgs_ops.object_masks.splats.test_votes import BALL, scene_of_splats

@@ -12,7 +12,7 @@ from mattgs_ops.capture.camera import Camera, Intrinsics
 from mattgs_ops.errors import InputError
 from mattgs_ops.splat.files import splat_file, spz_file
 from mattgs_ops.splat.files.export import WRITERS, export, suffix
-from mattgs_ops.splat.files.ply import PROPERTIES
+from mattgs_ops.splat.files.ply_arrays import PROPERTIES
 from mattgs_ops.splat.files.spz_file import MIRROR
 from mattgs_ops.splat.gaussians import Splats
 from mattgs_ops.splat.rasterize import render

@@ -9,7 +9,8 @@ import pytest
 import torch
 
 from mattgs_ops.errors import InputError
-from mattgs_ops.splat.files.ply import PROPERTIES, read_ply, write_ply
+from mattgs_ops.splat.files.ply import read_ply, write_ply
+from mattgs_ops.splat.files.ply_arrays import PROPERTIES
 from mattgs_ops.splat.gaussians import Splats
 
 MakeSplats = Callable[[int, int], Splats]

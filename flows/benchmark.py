@@ -16,7 +16,7 @@ from prefect.futures import PrefectFuture
 
 from flows.grid import cells
 from flows.prefect_ui.artifacts import ProgressBar, publish_dashboard, publish_results
-from flows.services.dask_cluster import needed
+from flows.services.dask_cluster import needed, own_cores
 from flows.services.report_server import report_address
 from mattgs_ops.config import BenchmarkConfig, CaptureConfig, Condition
 from mattgs_ops.errors import MattgsError
@@ -77,7 +77,7 @@ def benchmark(
     if dashboard is not None:
         publish_dashboard(config.name, dashboard)
     chains = [chain for capture in config.captures for chain in _submit(place, capture, config)]
-    # takes seconds to import (torch, Matplotlib), while the workers have begun
+    # takes seconds to import (Matplotlib), while the workers have begun
     from reports.page.build import build
 
     run_log = RunLog()
@@ -108,6 +108,7 @@ def benchmark(
         title=f"Benchmark {config.name}",
         artifacts_root=place.store,
         baselines=promoted(tracking_uri, config.name),
+        processes=own_cores(),
     )
     recorded_at = record_summary(place, tracking_uri, config.name, rows, path)
     publish_results(config.name, rows, path, report_address(path) or recorded_at)

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from flows.grid import cells
+from flows.services.dask_cluster import own_cores
 from mattgs_ops.config import BenchmarkConfig
 from mattgs_ops.config_file import load_toml
 from mattgs_ops.errors import InputError
@@ -60,6 +61,7 @@ def compile_report(
             values=values,
             notes=notes,
             planned=planned,
+            processes=own_cores(),
         )
 
 

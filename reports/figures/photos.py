@@ -14,11 +14,10 @@ from mattgs_ops.capture.camera import in_frame
 from mattgs_ops.capture.scene import Scene, View
 from mattgs_ops.capture.sparse import OBJECT_SHARE, are_on_object
 from reports.figures import findings, pictures
-from reports.figures.attention import attention
 from reports.figures.picture_grid import GAP, TOP, bare, canvas, clear, show, side
 from reports.figures.pictures import Floats, Gallery, Window, artifact
 from reports.figures.plots import Saved, save, sheets
-from reports.rows.schema import Cell, Row, background_name, capture_name, method_name
+from reports.rows.schema import Row, background_name, capture_name, method_name
 
 Lane = tuple[str, str, bool]  # title, condition, is truth
 SCALE = 0.5  # inches for a colour scale
@@ -214,17 +213,3 @@ def _points(axes: Axes, photo: Floats, scene: Scene, view: View) -> None:
         axes.scatter(
             xy[chosen, 0] - 0.5, xy[chosen, 1] - 0.5, s=1.2, c=colour, linewidths=0, rasterized=True
         )
-
-
-def all_photo_figures(
-    galleries: Sequence[Gallery], selected: Sequence[Cell], root: Path | None, folder: Path
-) -> list[Saved]:
-    """Draw every figure of this module that has its pictures."""
-    first = {cell.key.capture: cell.finished[0] for cell in reversed(selected) if cell.finished}
-    names = [g.capture for g in galleries if g.capture in first]
-    out = masked_sfm([(name, first[name]) for name in names], root, folder)
-    out += attention(galleries, root, folder)
-    for found in galleries:
-        pair = comparison(found, folder), error_maps(found, folder)
-        out += [figure for figure in pair if figure is not None]
-    return out

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from reports.figures import all_figures, pictures, plots
 from reports.figures import budgets as budget_figures
-from reports.figures import mask_sheets, photos, pictures, plots, trade_off
-from reports.figures.pictures import Gallery
 from reports.figures.plots import Saved
 from reports.page import page, unchanged
 from reports.rows.budgets import largest
@@ -61,6 +60,7 @@ def build(
     values: paper.PaperValues | None = None,
     notes: Sequence[str] = (),
     planned: int | None = None,
+    processes: int = 1,
 ) -> Path:
     """Write the report of ``rows`` into ``out`` and return the path of ``report.html``.
 
@@ -70,8 +70,9 @@ def build(
     ``baselines`` are the rows of the promoted runs, which are marked and compared with. ``values``
     are the paper's own; None: those that come with the project. ``notes`` are sentences that a
     reader must know; ``planned`` says how many experiments there are to be, None: as many as
-    rows. A report that lies there as it would come out is left alone (``unchanged.py``). Raises
-    :class:`InputError` for rows that do not say which cell they belong to.
+    rows; ``processes`` draw figures at a time. A report that lies there as it would come out is
+    left alone (``unchanged.py``). Raises :class:`InputError` for rows that do not say which cell
+    they belong to.
     """
     printed: dict[str, Any] = {
         "title": title,
@@ -98,8 +99,15 @@ def build(
     galleries = [
         pictures.gallery(name, cells(one_each), artifacts_root) for name in captures(one_each)
     ]
+    absent = pictures.missing_pictures(galleries)
+    folder = out / "figures"
     with plots.style():
-        first = budget_figures.budget_curves(compared, out / "figures")
+        first = budget_figures.budget_curves(compared, folder)
+    # curves say more than their largest budgets' points
+    parts = all_figures.parts(one_each, galleries, artifacts_root, folder, points=not first)
+    with all_figures.drawn_by(processes, parts) as drawn_in_the_end:
+        shown = page.shown(galleries, artifacts_root)
+        drawn = drawn_in_the_end()
     content = Content(
         title=title,
         line=verdict.summary_line(good, planned),
@@ -108,13 +116,13 @@ def build(
         notes=[*notes, *_notes(good, budgets=bool(first))],
         tables=tables,
         first=first,
-        # curves say more than their largest budgets' points
-        drawn=_draw(one_each, galleries, artifacts_root, out / "figures", points=not first),
+        drawn=drawn,
         problems=wrong,
     )
     facts = dict(verdict.facts(good) if summary is None else summary)
-    _write(out / "report.md", _markdown(content, pictures.missing_pictures(galleries), out))
-    _write(path, _html(content, facts, galleries, artifacts_root))
+    _write(out / "report.md", _markdown(content, absent, out))
+    missing = pictures.missing_pictures(galleries)  # of sliders and 3D views, too
+    _write(path, _html(content, facts, shown, missing))
     unchanged.note(out, made_of)
     return path
 
@@ -138,28 +146,11 @@ def _notes(rows: Sequence[Row], *, budgets: bool) -> list[str]:
     return [*of_runs, *clock_notes(rows), *haze_notes(rows)]
 
 
-def _draw(
-    rows: Sequence[Row],
-    galleries: Sequence[Gallery],
-    root: Path | None,
-    folder: Path,
-    *,
-    points: bool,
-) -> list[Saved]:
-    """Draw all figures; those of single ``points`` of quality and cost where they are wanted."""
-    with plots.style():
-        drawn = [
-            *(trade_off.trade_offs(rows, folder) if points else ()),
-            *plots.training_curves(rows, root, folder),
-        ]
-        pictorial = photos.all_photo_figures(galleries, cells(rows), root, folder)
-        masks = [mask_sheets.sheet(rows, name, root, folder) for name in captures(rows)]
-        pictorial += [one for one in masks if one is not None]
-    return [*pictorial, *drawn]
-
-
 def _html(
-    content: Content, facts: Mapping[str, Any], galleries: Sequence[Gallery], root: Path | None
+    content: Content,
+    facts: Mapping[str, Any],
+    shown: Sequence[Mapping[str, Any]],
+    missing: Sequence[str],
 ) -> str:
     return page.render(
         title=content.title,
@@ -169,8 +160,8 @@ def _html(
         tables=content.tables,
         figures=content.drawn,
         first=content.first,
-        galleries=galleries,
-        root=root,
+        captures=shown,
+        missing=missing,
         problems=content.problems,
         notes=content.notes,
         warnings=content.warned,

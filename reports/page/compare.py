@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from mattgs_ops.errors import InputError
-from reports.figures.pictures import Gallery, gallery
+from reports.figures.pictures import Gallery, gallery, missing_pictures
 from reports.page import page
 from reports.rows import clock, comparable
 from reports.rows.columns import (
@@ -70,6 +70,7 @@ def compare(first: Side, second: Side, folder: Path) -> tuple[list[Table], str, 
     tables = [scores(first, second), *differing(first, second)]
     headline = judged(first, second)
     found = _gallery(first, second)
+    shown = page.shown([found], Path("/"))  # adds to what the gallery misses
     html = page.render(
         title=f"{capture_name(names[0])}: two runs",
         summary=f"A: {first.name}. B: {second.name}.",
@@ -77,9 +78,8 @@ def compare(first: Side, second: Side, folder: Path) -> tuple[list[Table], str, 
         verdicts=[Verdict("", headline, ())],
         tables=tables,
         figures=[],
-        galleries=[found],
-        root=Path("/"),
-        problems=[],
+        captures=shown,
+        missing=missing_pictures([found]),
         notes=notes(first, second),
         warnings=warnings([first.row, second.row]),
     )

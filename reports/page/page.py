@@ -17,7 +17,7 @@ import numpy as np
 from markupsafe import Markup
 from PIL import Image
 
-from reports.figures.pictures import Gallery, artifact, missing_pictures
+from reports.figures.pictures import Gallery, artifact
 from reports.figures.plots import Saved
 from reports.page import splat_view
 from reports.rows.schema import background_name, capture_name, condition_name
@@ -54,26 +54,19 @@ def render(
     tables: Sequence[Table],
     figures: Sequence[Saved],
     first: Sequence[Saved] = (),
-    galleries: Sequence[Gallery],
-    root: Path | None,
-    problems: Sequence[str],
+    captures: Sequence[Mapping[str, Any]] = (),
+    problems: Sequence[str] = (),
     notes: Sequence[str] = (),
     warnings: Sequence[str] = (),
+    missing: Sequence[str] = (),
 ) -> str:
-    """Return the page's HTML; ``first`` are figures that stand before all else."""
+    """Return the page's HTML.
+
+    ``first`` are figures that stand before all else; ``captures`` what :func:`shown` returns;
+    ``missing`` says which pictures are not shown.
+    """
     templates = environment(TEMPLATES)
     templates.filters["unbroken"] = _unbroken
-    lanes = sum(len(gallery.conditions) + len(backgrounds(gallery)) for gallery in galleries)
-    views = min(SLIDER_BUDGET, max(FEWEST_VIEWS, PICTURES // max(1, lanes)))
-    models = sum(len(gallery.rows) for gallery in galleries)
-    most = min(splat_view.MOST, SPLATS // max(1, models))
-    pictures = sum(
-        (len(gallery.conditions) + len(backgrounds(gallery))) * min(views, len(gallery.views))
-        for gallery in galleries
-    )
-    pixels = PIXELS // max(1, pictures)
-    captures = [_capture(gallery, root, views, pixels, most) for gallery in galleries]
-    captures = [capture for capture in captures if capture["views"] or capture["models"]]
     inlined, share = _figures(figures)
     ahead, _ = _figures(first)
     return templates.get_template("report.html.j2").render(
@@ -92,11 +85,30 @@ def render(
         problems=problems,
         notes=notes,
         warnings=warnings,
-        missing=missing_pictures(galleries),
+        missing=missing,
         data=_script_json({"captures": captures}),
         style=_text("report.css"),
         script="\n".join(_text(name) for name in SCRIPTS),
     )
+
+
+def shown(galleries: Sequence[Gallery], root: Path | None) -> list[dict[str, Any]]:
+    """Return what sliders and 3D views show, per capture that has something to show.
+
+    ``root`` is the folder that rows' artifacts are relative to. What a 3D view lacks is added to
+    what its gallery misses.
+    """
+    lanes = sum(len(gallery.conditions) + len(backgrounds(gallery)) for gallery in galleries)
+    views = min(SLIDER_BUDGET, max(FEWEST_VIEWS, PICTURES // max(1, lanes)))
+    models = sum(len(gallery.rows) for gallery in galleries)
+    most = min(splat_view.MOST, SPLATS // max(1, models))
+    pictures = sum(
+        (len(gallery.conditions) + len(backgrounds(gallery))) * min(views, len(gallery.views))
+        for gallery in galleries
+    )
+    pixels = PIXELS // max(1, pictures)
+    captures = [_capture(gallery, root, views, pixels, most) for gallery in galleries]
+    return [capture for capture in captures if capture["views"] or capture["models"]]
 
 
 def _unbroken(text: str) -> Markup:

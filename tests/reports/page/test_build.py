@@ -34,13 +34,14 @@ def test_everything_is_written(built: Path) -> None:
         assert {f"figures/figure-{stem}.png", f"figures/figure-{stem}.pdf"} <= names
 
 
-def test_the_same_rows_in_any_order_give_the_same_bytes(
+def test_the_same_rows_in_any_order_by_any_number_of_processes_give_the_same_bytes(
     built: Path, pictured: Pictured, tmp_path: Path
 ) -> None:
     rows, root = pictured
     again = build(
-        rows[::-1], tmp_path, title="Toy <benchmark>", artifacts_root=root, summary={"CPU": "one"}
-    )
+        rows[::-1], tmp_path, title="Toy <benchmark>", artifacts_root=root, summary={"CPU": "one"},
+        processes=2,
+    )  # fmt: skip
     assert digests(again.parent) == digests(built.parent)
 
 
@@ -65,7 +66,7 @@ def test_figures_with_photos_shrink_together_to_their_budget(
 
     def inlined() -> tuple[list[int], list[int], str]:
         text = page.render(title="", summary="", facts={}, verdicts=[], tables=[], figures=drawn,
-                           galleries=[], root=None, problems=[])  # fmt: skip
+                           captures=[], problems=[])  # fmt: skip
         found = re.findall(r'src="(data:image/[^"]*)" width="(\d+)"', text)
         return [len(uri) for uri, _ in found], [int(width) for _, width in found], text
 

@@ -46,7 +46,7 @@ def test_a_section_without_content_is_left_out() -> None:
     from reports.page import page
 
     text = page.render(title="", summary="", facts={}, verdicts=[], tables=[], figures=[],
-                       galleries=[], root=None, problems=[])  # fmt: skip
+                       captures=[], problems=[])  # fmt: skip
     assert 'id="runs"' not in text
     assert 'href="#runs"' not in text
 

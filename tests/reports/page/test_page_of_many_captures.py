@@ -57,7 +57,7 @@ def many(pictured: tuple[list[Row], Path], tmp_path_factory: pytest.TempPathFact
 def render(found: list[pictures.Gallery], root: Path) -> str:
     return pages.render(
         title="Many", summary="", facts={}, verdicts=[], tables=[], figures=[],
-        galleries=found, root=root, problems=[],
+        captures=pages.shown(found, root),
     )  # fmt: skip
 
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from reports.figures import all_figures
 from reports.page import build as building
 from reports.page import unchanged
 
@@ -14,14 +15,14 @@ Row = dict[str, Any]
 
 @pytest.fixture
 def drawn(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Count instead of drawing."""
+    """Count instead of drawing the figures."""
     calls: list[str] = []
 
     def draw(*_: object, **__: object) -> list[Any]:
         calls.append("drawn")
         return []
 
-    monkeypatch.setattr(building, "_draw", draw)
+    monkeypatch.setattr(all_figures, "parts", draw)
     return calls
 
 

@@ -1,7 +1,10 @@
 """One benchmark from the command line: captures checked, services up, flow, tables, report."""
 
 import time
+from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
+from queue import Empty, SimpleQueue
 
 from rich.console import Console
 
@@ -9,9 +12,10 @@ from flows import run_record
 from flows.cli import terminal
 from flows.grid import stages
 from flows.services import dask_cluster, embedded
+from flows.services.background import Background
 from flows.services.embedded import Services
 from mattgs_ops.capture.photos import mark_output
-from mattgs_ops.config import BenchmarkConfig
+from mattgs_ops.config import BenchmarkConfig, CaptureConfig
 from mattgs_ops.errors import InputError, MattgsError
 from mattgs_ops.naming import slug
 from mattgs_ops.store.cleaning import in_use
@@ -28,8 +32,8 @@ def run_benchmark(
     """Run a benchmark and print its tables; return whether every experiment finished.
 
     ``run`` is what its record is to call it; with ``remeasure`` speed is measured anew where it is
-    known. Captures are prepared before anything is started. Raises :class:`InputError` that lists
-    all that is wrong with them when none of them can be used.
+    known. Captures are prepared before any other stage runs, while services start. Raises
+    :class:`InputError` that lists all that is wrong with them when none of them can be used.
     """
     mark_output(out)
     folder = out / "benchmarks" / config.name
@@ -56,7 +60,9 @@ def _run(config: BenchmarkConfig, out: Path) -> bool:
     count = _plan(place, config)
     with in_use(Store(place.store)), embedded.Starting(out, config.run) as starting:
         with terminal.watch(place.status, count, console, dask_cluster.worker_count(config.run)):
-            _prepare_all(place, config)
+            with Background(_import_flow) as flow:  # while preparation waits for its processes
+                _prepare_all(place, config)
+            flow.finish()
             services = starting.ready()
             console.print(str(services), markup=False, highlight=False)
             report, complete = _run_flow(config, out, services)
@@ -74,23 +80,47 @@ def _plan(place: Place, config: BenchmarkConfig) -> int:
     return len(planned)
 
 
-def _prepare_all(place: Place, config: BenchmarkConfig) -> None:
-    """Prepare every capture; raises one :class:`InputError` when none can be used.
+def _import_flow() -> None:
+    """Import what the flow needs: two seconds of a core."""
+    for name in ("prefect_dask", "flows.benchmark"):
+        import_module(name)
 
-    One that cannot, among others, is printed at once as a failed stage; the flow makes rows that
-    say why.
+
+def _prepare_all(place: Place, config: BenchmarkConfig) -> None:
+    """Prepare every capture, as many at a time as there are workers.
+
+    Raises one :class:`InputError` when none can be used. One that cannot, among others, is printed
+    at once as a failed stage; the flow makes rows that say why.
     """
-    problems = []
+    waiting: SimpleQueue[CaptureConfig] = SimpleQueue()
     for capture in config.captures:
-        try:
-            prepare(place, capture, config)
-        except MattgsError as error:  # a crash or a timeout, too
-            problems.append(str(error))
-            title = f"prepare {capture.name}"  # which may not have begun
-            file = status.StatusFile(place.status / f"{slug(title)}.json")
-            file.end_elsewhere(title, "prepare", "failed", 0.0, str(error))
+        waiting.put(capture)
+    problems: dict[str, str] = {}  # by capture
+
+    def work() -> None:
+        with suppress(Empty):
+            while True:
+                capture = waiting.get_nowait()
+                if problem := _prepare(place, capture, config):
+                    problems[capture.name] = problem
+
+    count = min(dask_cluster.worker_count(config.run), len(config.captures))
+    for thread in [Background(work) for _ in range(count)]:
+        thread.finish()
     if len(problems) == len(config.captures):
-        raise InputError("\n".join(problems))
+        raise InputError("\n".join(problems[capture.name] for capture in config.captures))
+
+
+def _prepare(place: Place, capture: CaptureConfig, config: BenchmarkConfig) -> str:
+    """Prepare one capture; return what is wrong with it, nothing where it can be used."""
+    try:
+        prepare(place, capture, config)
+    except MattgsError as error:  # a crash or a timeout, too
+        title = f"prepare {capture.name}"  # which may not have begun
+        file = status.StatusFile(place.status / f"{slug(title)}.json")
+        file.end_elsewhere(title, "prepare", "failed", 0.0, str(error))
+        return str(error)
+    return ""
 
 
 def _run_flow(config: BenchmarkConfig, out: Path, services: Services) -> tuple[Path, bool]:

@@ -8,14 +8,14 @@ The flow does not know the difference.
 
 import fcntl
 import os
-import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 from flows.services import dask_cluster, prefect_settings
+from flows.services.background import Background
 from flows.services.prefect_server import PrefectServer
 from mattgs_ops.config import RunConfig
 from tasks.registry import runs
@@ -78,21 +78,31 @@ class Starting:
         self._out = out
         self._run = run
         self._tracking = tracking_uri(out)
-        self._stack = ExitStack()
 
     def __enter__(self) -> "Starting":
-        self._api = prefect_settings.api_url()
+        api = prefect_settings.api_url()
         self._server: PrefectServer | None = None
-        if self._api is None:
-            self._server = self._stack.enter_context(_prefect_server(self._out))
-        else:
-            prefect_settings.check(self._api)
-        self._mlflow = _Background(lambda: runs.initialise(self._tracking))
+        with ExitStack() as stack:
+            if api is None:
+                self._server = stack.enter_context(_prefect_server(self._out))
+                api = self._server.address()
+            else:
+                prefect_settings.check(api)
+            # workers find them by it; set before there are threads
+            variables = {"PREFECT_API_URL": api, "MLFLOW_TRACKING_URI": self._tracking}
+            stack.enter_context(_environment(**variables))
+            self._api, self._stack = api, stack.pop_all()
+        self._mlflow = Background(lambda: runs.initialise(self._tracking))
+        self._workers = Background(self._start_cluster)
         return self
 
     def __exit__(self, *_: object) -> None:
         self._mlflow.join()  # a process that ends would leave its database half made
+        self._workers.join()
         self._stack.close()
+
+    def _start_cluster(self) -> None:
+        self._cluster = self._stack.enter_context(dask_cluster.started(self._out, self._run))
 
     def ready(self) -> Services:
         """Wait until all is up.
@@ -100,10 +110,8 @@ class Starting:
         Raises :class:`InputError` when a service that the user named does not answer, and
         :class:`StageError` when one of our own does not start.
         """
-        api = self._server.address() if self._server is not None else str(self._api)
-        variables = {"PREFECT_API_URL": api, "MLFLOW_TRACKING_URI": self._tracking}
-        self._stack.enter_context(_environment(**variables))
-        cluster = self._stack.enter_context(dask_cluster.started(self._out, self._run))
+        self._workers.finish()
+        api, cluster = self._api, self._cluster
         # nobody looks at a temporary server: the log files have it all
         logs = self._server is None
         self._stack.enter_context(prefect_settings.using(api, logs=logs))
@@ -119,27 +127,6 @@ def tracking_uri(out: Path) -> str:
     """Return where MLflow is: as the environment says, else a SQLite file below ``out``."""
     own = f"sqlite:///{(out / 'mlflow.db').resolve()}"
     return os.environ.get("MLFLOW_TRACKING_URI") or own
-
-
-class _Background(threading.Thread):
-    """Run a function in a thread; :meth:`finish` waits and raises what it raised."""
-
-    def __init__(self, function: Any) -> None:
-        super().__init__(daemon=True)
-        self._function = function
-        self._error: Exception | None = None
-        self.start()
-
-    def run(self) -> None:
-        try:
-            self._function()
-        except Exception as error:
-            self._error = error
-
-    def finish(self) -> None:
-        self.join()
-        if self._error is not None:
-            raise self._error
 
 
 @contextmanager

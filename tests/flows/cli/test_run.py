@@ -1,11 +1,12 @@
 """``mattgs run`` before its flow: what it plans, and what it tells of captures."""
 
 from pathlib import Path
+from threading import Barrier
 
 import pytest
 
 from flows.cli import run
-from mattgs_ops.config import BenchmarkConfig, CaptureConfig
+from mattgs_ops.config import BenchmarkConfig, CaptureConfig, RunConfig
 from mattgs_ops.errors import InputError
 from tasks.prepare import prepare
 from tasks.stages.stage import Place
@@ -32,6 +33,26 @@ def test_a_capture_that_is_not_there_is_told_before_the_others_run(
     assert str(tmp_path / "nowhere") in told.note
     with pytest.raises(InputError, match="nowhere"):
         run._prepare_all(place, config.model_copy(update={"captures": (lost,)}))
+
+
+def test_captures_are_prepared_as_many_at_a_time_as_there_are_workers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    together = Barrier(2, timeout=60)  # passes when two wait at it
+    done = []
+
+    def prepared(_: Place, capture: CaptureConfig, __: BenchmarkConfig) -> None:
+        together.wait()
+        done.append(capture.name)
+
+    monkeypatch.setattr(run, "prepare", prepared)
+    names = ("a", "b", "c", "d")
+    config = BenchmarkConfig(
+        captures=tuple(CaptureConfig(name=name, path=tmp_path) for name in names),
+        run=RunConfig(workers=2),
+    )
+    run._prepare_all(Place(tmp_path / "out", "b"), config)
+    assert sorted(done) == list(names)
 
 
 def test_a_smaller_grid_of_the_same_name_leaves_no_stage_of_the_larger(tmp_path: Path) -> None:

@@ -1,0 +1,42 @@
+"""A function in a thread of its own, and what comes of its errors."""
+
+from threading import Event
+
+import pytest
+
+from flows.services.background import Background
+from mattgs_ops.errors import InputError
+
+
+def broken() -> None:
+    raise InputError("no scheduler answers")
+
+
+def test_what_it_raises_comes_out_where_it_is_waited_for() -> None:
+    thread = Background(broken)
+    thread.join()
+    with pytest.raises(InputError, match="no scheduler answers"):
+        thread.finish()
+
+
+def test_as_a_context_it_ends_with_its_block_and_an_error_in_the_block_comes_first() -> None:
+    begun, ended = Event(), []
+
+    def work() -> None:
+        begun.wait(60)
+        ended.append(True)
+        broken()
+
+    def block() -> None:
+        with Background(work):
+            begun.set()
+            raise KeyError
+
+    with pytest.raises(KeyError):
+        block()
+    assert ended
+
+
+def test_it_never_keeps_a_process_from_ending() -> None:
+    with Background(lambda: None) as thread:
+        assert thread.daemon

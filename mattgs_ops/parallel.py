@@ -21,11 +21,19 @@ def over_views(
     The first error is raised. Meanwhile OpenCV's own threads stand aside: there are never more than
     ``threads`` that work.
     """
+    return list(each_view(work, *views, threads=threads))
+
+
+def each_view(
+    work: Callable[..., Result], *views: Iterable[Any], threads: int = 1
+) -> Iterator[Result]:
+    """Do what ``over_views`` does, and yield each result as soon as those before it are there."""
     arguments = list(zip(*views, strict=True))
     if threads <= 1 or len(arguments) <= 1:
-        return [work(*one) for one in arguments]
+        yield from (work(*one) for one in arguments)
+        return
     with _one_opencv_thread(), ThreadPoolExecutor(threads) as pool:
-        return list(pool.map(lambda one: work(*one), arguments))
+        yield from pool.map(lambda one: work(*one), arguments)
 
 
 @contextmanager

@@ -22,6 +22,7 @@ def prepare(place: Place, capture: CaptureConfig, config: BenchmarkConfig) -> Ar
         title=f"prepare {capture.name}",
         operation="tasks.prepare:operate",
         imports=("mattgs_ops.capture.prepare",),
+        spreads=True,
         parameters={
             "kind": capture.kind,
             "bundled": capture.path is None,
@@ -40,11 +41,11 @@ def prepare(place: Place, capture: CaptureConfig, config: BenchmarkConfig) -> Ar
 
 def operate(arguments: dict[str, Any], out: Path, threads: int, progress: Progress) -> None:
     """Run in the stage's process."""
-    del threads
     from mattgs_ops.capture import prepare as prepare_photos
 
     capture = CaptureConfig.model_validate(arguments["capture"])
-    prepare_photos.prepare(capture, out, test_every=arguments["test_every"], progress=progress)
+    every = int(arguments["test_every"])
+    prepare_photos.prepare(capture, out, test_every=every, threads=threads, progress=progress)
     # the key was made before this stage waited for a core
     if [capture_digest(capture), ids_digest(capture)] != arguments["files"]:
         raise StageError(f"{capture.name}: its files changed while they were read; run again")

@@ -17,6 +17,7 @@ def segment(place: Place, name: str, prepared: Artifact, config: SegmentConfig) 
         name="segment",
         title=f"segment {name}",
         operation="tasks.segment:operate",  # in a fresh process: ONNX Runtime starts threads
+        spreads=True,
         parameters=config.model_dump(mode="json", exclude={"model"}),
         inputs={
             "capture": prepared.digest,

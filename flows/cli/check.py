@@ -8,6 +8,7 @@ from rich.console import Console
 
 from flows.cli.terminal import bar, duration
 from flows.grid import cells
+from flows.services.dask_cluster import own_cores
 from mattgs_ops.capture.masks import mask_name, read_map
 from mattgs_ops.capture.prepare import prepare
 from mattgs_ops.capture.scene import PreparedCapture, View
@@ -73,12 +74,15 @@ def _look(
     None instead of seconds: there is nothing to work with.
     """
     with bar(f"check {capture.name}") as progress:
+        every, threads = config.test_every, own_cores()
         prepared = prepare(
-            capture, out / "prepared", test_every=config.test_every, progress=progress
+            capture, out / "prepared", test_every=every, threads=threads, progress=progress
         )
         seen = inspect(prepared, progress=progress)
         try:
-            report = segment(prepared, config.segment, out / "segmented", progress=progress)
+            report = segment(
+                prepared, config.segment, out / "segmented", threads=threads, progress=progress
+            )
         except StageError as error:
             raise InputError(str(error)) from error
     good = seen.placed >= FEWEST_PLACED * len(seen.names)

@@ -11,8 +11,10 @@ Photos may differ in size and orientation; later stages give each size a camera 
 """
 
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -22,7 +24,7 @@ from PIL import Image
 
 from mattgs_ops.capture.camera import Camera
 from mattgs_ops.capture.formats.point_cloud import read_points
-from mattgs_ops.capture.formats.posed import PosedPhoto, raise_all
+from mattgs_ops.capture.formats.posed import camera_problems, raise_all
 from mattgs_ops.capture.mask_files import (
     binary,
     decode_coverage,
@@ -31,20 +33,18 @@ from mattgs_ops.capture.mask_files import (
     polarity_problem,
 )
 from mattgs_ops.capture.photos import (
-    SIDEWAYS,
-    UPRIGHT,
     Photo,
     decode,
-    exif_orientation,
     on_white,
     write_png,
 )
 from mattgs_ops.capture.scene import POINTS_FILE, GivenPoints, PreparedCapture, Split, View
 from mattgs_ops.capture.source import Source, SourcePhoto, is_video, open_source, view_name
-from mattgs_ops.capture.undistortion import Lens, Undistortion, undistortion
+from mattgs_ops.capture.undistortion import Undistortions
 from mattgs_ops.capture.video import extract_frames
 from mattgs_ops.config import CaptureConfig
 from mattgs_ops.errors import InputError
+from mattgs_ops.parallel import each_view
 from mattgs_ops.progress import Progress, no_progress
 
 MINIMUM_PHOTOS = 3  # two for geometry, and one held out
@@ -59,6 +59,7 @@ def prepare(
     *,
     test_every: int,
     max_size: int = 1600,
+    threads: int = 1,
     progress: Progress = no_progress,
 ) -> PreparedCapture:
     """Validate a capture and write it to ``out`` as later stages read it.
@@ -72,18 +73,23 @@ def prepare(
     every problem found; nothing has been written then.
     """
     with _opened(capture, progress) as source:
-        masks_are = _check(source, progress)
+        masks_are = _check(source, threads, progress)
         points = None if source.points is None else _points(source, source.points)
         if capture.path is None and capture.masks is None:
             masks_are = "truth"
         out = out.resolve()
         total = len(source.photos)
-        views, lenses = [], dict[Lens, Undistortion]()
-        for index, photo in enumerate(source.photos):
-            split: Split = "test" if index % test_every == 0 else "train"
-            split = source.split.get(photo.path, split)
-            views.append(_write_view(photo, source, split, max_size, out, lenses))
-            progress(total + index + 1, 2 * total, f"{photo.name} prepared")
+        splits = [
+            source.split.get(photo.path, "test" if index % test_every == 0 else "train")
+            for index, photo in enumerate(source.photos)
+        ]
+        write = partial(
+            _write_view, source=source, max_size=max_size, out=out, lenses=Undistortions()
+        )
+        views = []
+        for view in each_view(write, source.photos, splits, threads=threads):
+            views.append(view)
+            progress(total + len(views), 2 * total, f"{view.name} prepared")
     if points is not None:
         points.save(out / POINTS_FILE)
     prepared = PreparedCapture(
@@ -139,37 +145,33 @@ def _points(source: Source, path: Path) -> GivenPoints:
     return GivenPoints(points.xyz, points.rgb, names, seen)
 
 
-def _check(source: Source, progress: Progress) -> MasksAre:
+@dataclass(frozen=True)
+class _Checked:
+    """What one photo showed when it was decoded; ``inverted`` is None where it has no mask."""
+
+    problems: Sequence[str]
+    readable: bool = False
+    alpha: bool = False
+    inverted: bool | None = None
+
+
+def _check(source: Source, threads: int, progress: Progress) -> MasksAre:
     """Decode everything once and say whose masks there are; raises with all problems."""
-    found, total = len(source.photos), len(source.photos)
-    if found < MINIMUM_PHOTOS:
+    total = len(source.photos)
+    if total < MINIMUM_PHOTOS:
         raise InputError(
-            f"{source.root}: found {found} photos; at least {MINIMUM_PHOTOS} are needed to find "
+            f"{source.root}: found {total} photos; at least {MINIMUM_PHOTOS} are needed to find "
             "the cameras, and 30 or more from all sides for a good model: add photos"
         )
-    problems: list[str] = []
-    readable: set[str] = set()
-    inverted: dict[str, bool] = {}
-    alpha = False
-    for index, where in enumerate(source.photos):
-        try:
-            photo = decode(where.path)
-            readable.add(where.name)
-            alpha = alpha or photo.alpha is not None
-            problems += _camera_problems(where.path, photo, source.posed.get(where.path))
-            coverage = _coverage(source, where, photo)
-            if coverage is not None:
-                mask = binary(coverage, str(where.path))
-                inverted[where.name] = looks_inverted(mask)
-                if mask.all():
-                    problems.append(
-                        f"{where.path}: its mask is white all over; expected object and background"
-                    )
-        except InputError as error:
-            problems.append(str(error))
+    found: dict[str, _Checked] = {}
+    look = each_view(partial(_look, source), source.photos, threads=threads)
+    for index, (where, one) in enumerate(zip(source.photos, look, strict=True)):
+        found[where.name] = one
         progress(index + 1, 2 * total, f"{where.name} checked")
+    problems = [problem for one in found.values() for problem in one.problems]
+    inverted = {name: one.inverted for name, one in found.items() if one.inverted is not None}
     upside_down = polarity_problem(inverted)
-    unmasked = sorted(readable - set(inverted))
+    unmasked = sorted(name for name, one in found.items() if one.readable and name not in inverted)
     if upside_down is not None:
         problems.append(upside_down)
     elif inverted and unmasked and not problems:
@@ -180,43 +182,39 @@ def _check(source: Source, progress: Progress) -> MasksAre:
     raise_all(problems)
     if not inverted:
         return "none"
+    alpha = any(one.alpha for one in found.values())
     return "alpha" if alpha and source.own_masks is None else "given"
 
 
-def _camera_problems(path: Path, photo: Photo, posed: PosedPhoto | None) -> list[str]:
-    if posed is None:
-        return []
-    problems = []
-    given = (posed.lens.intrinsics.width, posed.lens.intrinsics.height)
-    orientation = exif_orientation(path)
-    # a photo on its side whose camera is as large as the upright one: the pose is of that one
-    clear = orientation in SIDEWAYS and photo.size == given and given[0] != given[1]
-    if orientation != UPRIGHT and not clear:
-        problems.append(
-            f"{path}: turned by its EXIF orientation, and which way up its camera means is not "
-            "known; save the photo upright without orientation, with the camera for it"
-        )
-    if photo.size != given:
-        problems.append(
-            f"{path}: the photo is {_by(photo.size)}, its camera says {_by(given)}; give the "
-            "intrinsics of these photos, or the photos of these intrinsics"
-        )
-    return problems
-
-
-def _by(size: tuple[int, int]) -> str:
-    return f"{size[0]}x{size[1]}"
+def _look(source: Source, where: SourcePhoto) -> _Checked:
+    """Decode one photo and its mask, and say what is wrong with them."""
+    readable = alpha = False
+    problems: list[str] = []
+    try:
+        photo = decode(where.path)
+        readable, alpha = True, photo.alpha is not None
+        problems += camera_problems(where.path, photo.size, source.posed.get(where.path))
+        coverage = _coverage(source, where, photo)
+        if coverage is None:
+            return _Checked(problems, readable, alpha)
+        mask = binary(coverage, str(where.path))
+    except InputError as error:
+        return _Checked([*problems, str(error)], readable, alpha)
+    if mask.all():
+        problems.append(f"{where.path}: its mask is white all over; expected object and background")
+    return _Checked(problems, readable, alpha, looks_inverted(mask))
 
 
 def _write_view(
     where: SourcePhoto,
-    source: Source,
     split: Split,
+    *,
+    source: Source,
     max_size: int,
     out: Path,
-    lenses: dict[Lens, Undistortion],
+    lenses: Undistortions,
 ) -> View:
-    """Write one photo and its mask; ``lenses`` keeps the maps of lenses already seen."""
+    """Write one photo and its mask."""
     photo = decode(where.path)
     rgb, coverage = on_white(photo), _coverage(source, where, photo)
     mask = None if coverage is None else binary(coverage, str(where.path))
@@ -224,12 +222,11 @@ def _write_view(
     if posed is not None:
         intrinsics = posed.lens.intrinsics
         if not posed.lens.is_pinhole:
-            if posed.lens not in lenses:
-                lenses[posed.lens] = undistortion(posed.lens)
-            intrinsics = lenses[posed.lens].intrinsics
-            rgb = lenses[posed.lens].photo(rgb)
-            mask = None if mask is None else lenses[posed.lens].mask(mask)
-            coverage = None if coverage is None else lenses[posed.lens].coverage(coverage)
+            lens = lenses.of(posed.lens)
+            intrinsics = lens.intrinsics
+            rgb = lens.photo(rgb)
+            mask = None if mask is None else lens.mask(mask)
+            coverage = None if coverage is None else lens.coverage(coverage)
         camera = Camera(intrinsics, posed.rotation, posed.translation)
     size = _reduced(photo.size, max_size)
     if size != photo.size:

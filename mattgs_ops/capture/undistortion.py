@@ -13,6 +13,7 @@ only.
 """
 
 from dataclasses import dataclass
+from threading import Lock
 
 import cv2
 import numpy as np
@@ -160,6 +161,21 @@ def undistortion(lens: Lens) -> Undistortion:
     build = cv2.fisheye.initUndistortRectifyMap if lens.fisheye else cv2.initUndistortRectifyMap
     map_x, map_y = build(matrix, coefficients, np.eye(3), _opencv(new), size, cv2.CV_32FC1)
     return Undistortion(new, map_x, map_y)
+
+
+class Undistortions:
+    """Those of the lenses seen so far, for threads that write many photos of few lenses."""
+
+    def __init__(self) -> None:
+        self._found: dict[Lens, Undistortion] = {}
+        self._lock = Lock()
+
+    def of(self, lens: Lens) -> Undistortion:
+        """Return the undistortion of a lens, computed once."""
+        with self._lock:
+            if lens not in self._found:
+                self._found[lens] = undistortion(lens)
+            return self._found[lens]
 
 
 def _shown_once(lens: Lens, middle: tuple[float, float], zoom: float) -> bool:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mattgs_ops.capture.photos import SIDEWAYS, UPRIGHT, exif_orientation
 from mattgs_ops.capture.scene import Split
 from mattgs_ops.capture.undistortion import Lens
 from mattgs_ops.errors import InputError
@@ -41,6 +42,32 @@ class PosedCapture:
     left_out: tuple[Path, ...] = ()
     points: Path | None = None
     read: tuple[Path, ...] = ()
+
+
+def camera_problems(path: Path, size: tuple[int, int], posed: PosedPhoto | None) -> list[str]:
+    """Say why a photo of this size (width, height) cannot be the one that its camera is of."""
+    if posed is None:
+        return []
+    problems = []
+    given = (posed.lens.intrinsics.width, posed.lens.intrinsics.height)
+    orientation = exif_orientation(path)
+    # a photo on its side whose camera is as large as the upright one: the pose is of that one
+    clear = orientation in SIDEWAYS and size == given and given[0] != given[1]
+    if orientation != UPRIGHT and not clear:
+        problems.append(
+            f"{path}: turned by its EXIF orientation, and which way up its camera means is not "
+            "known; save the photo upright without orientation, with the camera for it"
+        )
+    if size != given:
+        problems.append(
+            f"{path}: the photo is {_by(size)}, its camera says {_by(given)}; give the "
+            "intrinsics of these photos, or the photos of these intrinsics"
+        )
+    return problems
+
+
+def _by(size: tuple[int, int]) -> str:
+    return f"{size[0]}x{size[1]}"
 
 
 def path_inside(folder: Path, name: str, where: str) -> Path:

@@ -148,3 +148,19 @@ def test_exif_orientation_is_clear_where_the_cameras_size_tells_it(tmp_path: Pat
     sideways.save(folder / "images" / NAMES[0], exif=exif)
     view = run(folder, tmp_path / "out").views[0]
     np.testing.assert_array_equal(pixels(view.photo), picture(0))
+
+
+def test_threads_change_no_byte_and_keep_the_order_of_problems(tmp_path: Path) -> None:
+    folder = write_photos(tmp_path / "photos")
+    for threads in (1, 3):
+        run(folder, tmp_path / str(threads), threads=threads)
+    one, three = (
+        {path.relative_to(out): path.read_bytes() for path in out.rglob("*") if path.is_file()}
+        for out in (tmp_path / "1", tmp_path / "3")
+    )
+    assert one == three
+    for name in (NAMES[7], NAMES[2]):
+        (folder / name).write_bytes(b"no photo")
+    told = [refusal(folder, tmp_path / "out", threads=threads) for threads in (1, 3)]
+    assert told[0] == told[1]
+    assert told[0].index(NAMES[2]) < told[0].index(NAMES[7])

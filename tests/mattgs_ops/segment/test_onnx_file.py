@@ -7,6 +7,7 @@ import onnx
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
+from mattgs_ops.segment.network.saliency import BUNDLED_MODEL, SaliencyNetwork
 from mattgs_ops.segment.onnx_file import has_vnni, open_model
 
 CHANNELS = 64
@@ -69,3 +70,14 @@ def test_vnni_is_what_the_kernel_says(tmp_path: Path, text: str, expected: bool)
 
 def test_without_the_kernels_word_there_is_no_vnni(tmp_path: Path) -> None:
     assert not has_vnni(tmp_path / "none")
+
+
+@pytest.mark.parametrize("model", [BUNDLED_MODEL, BUNDLED_MODEL.with_name("u2netp-wide.onnx")])
+def test_threads_change_no_bit_of_a_map_in_eight_bits_or_single_precision(model: Path) -> None:
+    photo = np.random.default_rng(0).integers(0, 60, (96, 128, 3), dtype=np.uint8)
+    photo[30:70, 40:90] += 150  # a thing, so that maps show something
+    photos = [photo, photo[::-1].copy()]
+    maps = [SaliencyNetwork(model, threads=n).all_maps(photos, ["a", "b"]) for n in (1, 2, 3)]
+    assert np.max(maps[0]) == 1
+    for more in maps[1:]:
+        np.testing.assert_array_equal(more, maps[0])

@@ -8,7 +8,7 @@ from typing import Self
 class Background(threading.Thread):
     """Run a function in a thread; :meth:`finish` waits and raises what it raised.
 
-    As a context it ends with its block. Ctrl-C ends a process that waits for nothing but this.
+    As a context it ends with its block. It is a daemon: it keeps no process from ending.
     """
 
     def __init__(self, function: Callable[[], object]) -> None:

@@ -71,7 +71,8 @@ class Starting:
     """The services while they start: what takes long is begun on entering.
 
     Use as a context; everything of our own ends with it. Entering raises :class:`InputError` where
-    the Prefect that the user named cannot be used.
+    the Prefect that the user named cannot be used, and :class:`StageError` where our own does not
+    start.
     """
 
     def __init__(self, out: Path, run: RunConfig) -> None:
@@ -111,16 +112,20 @@ class Starting:
         :class:`StageError` when one of our own does not start.
         """
         self._workers.finish()
-        api, cluster = self._api, self._cluster
         # nobody looks at a temporary server: the log files have it all
         logs = self._server is None
-        self._stack.enter_context(prefect_settings.using(api, logs=logs))
+        self._stack.enter_context(prefect_settings.using(self._api, logs=logs))
         self._mlflow.finish()
         if self._server is not None:
             self._server.wait()
             self._server.follow()
-        ours = self._server is not None
-        return Services(api, ours, self._tracking, cluster.scheduler, cluster.dashboard)
+        return Services(
+            self._api,
+            self._server is not None,
+            self._tracking,
+            self._cluster.scheduler,
+            self._cluster.dashboard,
+        )
 
 
 def tracking_uri(out: Path) -> str:

@@ -16,7 +16,7 @@ from prefect.futures import PrefectFuture
 
 from flows.grid import cells
 from flows.prefect_ui.artifacts import ProgressBar, publish_dashboard, publish_results
-from flows.services.dask_cluster import needed, own_cores
+from flows.services.dask_cluster import needed
 from flows.services.report_server import report_address
 from mattgs_ops.config import BenchmarkConfig, CaptureConfig, Condition
 from mattgs_ops.errors import MattgsError
@@ -33,6 +33,7 @@ from tasks.registry.record import (
     record_summary,
 )
 from tasks.row import Outcome, Row, make_row, running_row, settings
+from tasks.stages.cores import own_cores
 from tasks.stages.run_log import RunLog
 from tasks.stages.stage import Artifact, Cell, Place, own_version
 from tasks.stages.status import StatusFile

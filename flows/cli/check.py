@@ -8,7 +8,6 @@ from rich.console import Console
 
 from flows.cli.terminal import bar, duration
 from flows.grid import cells
-from flows.services.dask_cluster import own_cores
 from mattgs_ops.capture.masks import mask_name, read_map
 from mattgs_ops.capture.prepare import prepare
 from mattgs_ops.capture.scene import PreparedCapture, View
@@ -23,6 +22,7 @@ from mattgs_ops.segment.quick_matches import shrunk_mask
 from mattgs_ops.sfm.lost_views import MOST_VIEWS
 from reports.figures.mask_sheets import draw
 from reports.figures.plots import style
+from tasks.stages.cores import own_cores
 
 FEWEST_PLACED = 0.5  # of the photos, as `sfm.min_registered`
 FURTHER_ATTEMPTS = "and longer where the photos without a camera are sought anew"

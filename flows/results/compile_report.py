@@ -10,7 +10,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from flows.grid import cells
-from flows.services.dask_cluster import own_cores
 from mattgs_ops.config import BenchmarkConfig
 from mattgs_ops.config_file import load_toml
 from mattgs_ops.errors import InputError
@@ -19,6 +18,7 @@ from reports.rows.merge import Part, merge
 from reports.rows.schema import Row, capture_name, condition_name, limited, read_rows
 from reports.tables import paper
 from tasks.row import config_digest
+from tasks.stages.cores import own_cores
 from tasks.stages.stage import Cell
 
 STORE = "store"  # in an output folder

@@ -7,7 +7,6 @@ resources, and all of them this package in this version.
 """
 
 import logging
-import os
 import signal
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -19,6 +18,7 @@ from typing import Any
 
 from mattgs_ops.config import RunConfig
 from mattgs_ops.errors import InputError
+from tasks.stages.cores import own_cores
 from tasks.stages.stage import PACKAGE, code_versions, own_version
 
 WORKER_IMPORTS = "tasks.prefect_tasks"
@@ -63,11 +63,6 @@ def needed(run: RunConfig) -> dict[str, float]:
 def worker_count(run: RunConfig) -> int:
     """Return how many stages run at a time: as set, else no more threads than cores of ours."""
     return run.workers or max(1, own_cores() // run.threads)
-
-
-def own_cores() -> int:
-    """Return how many cores are ours: a batch system or a container may give fewer than all."""
-    return len(os.sched_getaffinity(0))
 
 
 @contextmanager

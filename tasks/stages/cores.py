@@ -1,4 +1,4 @@
-"""The cores of this machine, shared by all stages of all benchmarks: never more threads than cores.
+"""The cores that are ours, shared by all stages of all benchmarks: never more threads than cores.
 
 One file per core, locked by the kernel, so a killed process frees it. It says who holds the core,
 for those who wait. A stage holds as many as it has threads. One whose work can be spread also takes
@@ -14,6 +14,16 @@ from contextlib import ExitStack, contextmanager
 from tasks.stages.quiet import locked, written_in
 
 RETRY_SECONDS = 0.2  # between looks for a free core
+
+
+def own_cores() -> int:
+    """Return how many cores are ours: a batch system or a container may give fewer than all.
+
+    A container's share of CPU time counts as Dask counts it, a part of a core as a whole one.
+    """
+    from dask.system import cpu_count  # not for those that only ask for the command's help
+
+    return int(cpu_count())
 
 
 @contextmanager
@@ -52,7 +62,7 @@ def holders() -> list[str]:
 
 
 def _names() -> list[str]:
-    return [f"core-{number}" for number in sorted(os.sched_getaffinity(0))]
+    return [f"core-{number}" for number in sorted(os.sched_getaffinity(0))][: own_cores()]
 
 
 def _take(

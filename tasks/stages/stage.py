@@ -105,7 +105,7 @@ class Place:
         """Return the threads that a stage needs, and the most that it may have."""
         most = self.run.threads
         if spreads and self.captures is not None:
-            most = max(most, len(os.sched_getaffinity(0)) // self.captures)
+            most = max(most, cores.own_cores() // self.captures)
         return self.run.threads, most
 
     def open_store(self) -> Store:

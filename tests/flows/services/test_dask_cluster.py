@@ -35,11 +35,10 @@ START_SECONDS = 90.0
         (RunConfig(workers=9), 9),
     ],
 )
-def test_one_thread_per_core_that_this_process_may_use_unless_set_otherwise(
+def test_one_thread_per_core_that_is_ours_unless_set_otherwise(
     run: RunConfig, expected: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(6)))
-    monkeypatch.setattr(os, "cpu_count", lambda: 64)
+    monkeypatch.setattr("flows.services.dask_cluster.own_cores", lambda: 6)
     assert worker_count(run) == expected
 
 

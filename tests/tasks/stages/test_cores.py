@@ -1,20 +1,50 @@
-"""Stages share the machine's cores: never more threads than cores, and nobody waits for ever."""
+"""Stages share the cores that are ours: never more threads than cores, nobody waits for ever."""
 
+import io
 import os
 import threading
 import time
+from typing import Any
 
 import pytest
 
 from tasks.stages import cores
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture
 def four_cores(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "sched_getaffinity", lambda _process: {0, 1, 2, 3})
+    monkeypatch.setattr(cores, "own_cores", lambda: 4)
     monkeypatch.setattr(cores, "RETRY_SECONDS", 0.01)
 
 
+def test_cores_that_this_process_may_not_use_are_not_ours() -> None:
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {min(before)})
+    try:
+        assert cores.own_cores() == 1
+    finally:
+        os.sched_setaffinity(0, before)
+
+
+@pytest.mark.parametrize("quota", ["100000", "40000"])
+def test_a_container_has_the_cores_that_its_share_of_time_is_worth(
+    quota: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def read(file: Any, *_: Any) -> io.StringIO:
+        if str(file) == "/proc/self/cgroup":
+            return io.StringIO("0::/\n")
+        if str(file).endswith("cpu.max"):
+            return io.StringIO(f"{quota} 100000\n")
+        raise FileNotFoundError(file)
+
+    monkeypatch.setattr("dask.system.open", read, raising=False)
+    assert cores.own_cores() == 1
+    with cores.taken(1, 99) as threads:
+        assert threads == 1
+
+
+@pytest.mark.usefixtures("four_cores")
 def test_what_can_be_spread_takes_what_is_free() -> None:
     with cores.taken(1, 1) as first, cores.taken(1, 2) as second, cores.taken(1, 4) as third:
         assert (first, second, third) == (1, 2, 1)
@@ -22,11 +52,13 @@ def test_what_can_be_spread_takes_what_is_free() -> None:
         assert all_of_them == 4
 
 
+@pytest.mark.usefixtures("four_cores")
 def test_who_needs_more_than_there_are_holds_all_and_keeps_its_threads() -> None:
     with cores.taken(6, 6) as threads:
         assert threads == 6
 
 
+@pytest.mark.usefixtures("four_cores")
 def test_a_stage_waits_until_enough_cores_are_free() -> None:
     order: list[str] = []
 
@@ -44,6 +76,7 @@ def test_a_stage_waits_until_enough_cores_are_free() -> None:
     assert order == ["early 3", "late"]
 
 
+@pytest.mark.usefixtures("four_cores")
 def test_who_waits_is_told_whose_the_cores_are() -> None:
     told: list[list[str]] = []
 
@@ -68,6 +101,7 @@ def test_who_waits_is_told_whose_the_cores_are() -> None:
     assert told[0] == ["c"], "what was written before is gone"
 
 
+@pytest.mark.usefixtures("four_cores")
 def test_threads_never_outnumber_cores() -> None:
     running, most = [0], [0]
     guard = threading.Lock()
@@ -91,6 +125,7 @@ def test_threads_never_outnumber_cores() -> None:
     assert running[0] == 0
 
 
+@pytest.mark.usefixtures("four_cores")
 def test_holders_of_cores_are_named_and_nothing_is_taken() -> None:
     assert cores.holders() == []
     with cores.taken(2, 2, "one"), cores.taken(1, 1, "other"):

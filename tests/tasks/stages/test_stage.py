@@ -226,7 +226,7 @@ def test_a_stage_says_which_run_holds_the_cores_that_it_waits_for(place: Place) 
             pass
 
     status.begin(stage.title, stage.name)
-    most = len(os.sched_getaffinity(0))
+    most = cores.own_cores()
     with ThreadPoolExecutor() as pool:
         with cores.taken(most, most, "other in /a/folder"):
             waits = pool.submit(wait_and_go)

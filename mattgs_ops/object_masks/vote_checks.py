@@ -4,7 +4,7 @@
 maps and edges less than silhouettes and maps do, the ground's cut went through the object, edges
 and silhouettes surely prefer the maps, or the ground is plain and edges leave nothing to mend. The
 best votes are compared with the maps once more, each by what its own kind predicts: votes, maps or,
-where neither is surely better, the average of both make the masks.
+where neither is surely better by all that counts, the average of both make the masks.
 ``views_against_votes`` returns which single views keep their own map.
 """
 
@@ -158,11 +158,13 @@ def _choose_by_worths(views: ViewMaps, voted: MapScores) -> Choice:
     worth = f"by each other and the photos' edges the maps are worth {maps:.3f}, votes {votes:.3f}"
     if surely_larger(by_votes, by_maps):
         return Choice("votes", f"{worth}, surely more", voted.maps)
-    on_edges = ([one.on_edges[k] for k in views.trained_views] for one in (voted, views.own))
-    if surely_larger(by_maps, by_votes) and not surely_larger(*on_edges):
-        return Choice("maps", f"{worth}, surely less", voted.maps)
-    both = averaged(views.own.maps, voted.maps, maps, votes)
-    return Choice("both", f"{worth}: neither is surely better", both)
+    why = "neither is surely better"
+    if surely_larger(by_maps, by_votes):
+        on_edges = ([one.on_edges[k] for k in views.trained_views] for one in (voted, views.own))
+        if not surely_larger(*on_edges):
+            return Choice("maps", f"{worth}, surely less", voted.maps)
+        why = "surely less, but their outlines surely lie on edges more"
+    return Choice("both", f"{worth}: {why}", averaged(views.own.maps, voted.maps, maps, votes))
 
 
 def _why_not_by_edges(votes: float, maps: float) -> str:

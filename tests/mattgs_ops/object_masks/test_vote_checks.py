@@ -76,6 +76,7 @@ def test_votes_that_predict_each_other_less_and_lie_on_edges_more_are_averaged_w
     assert np.mean(views.worths(lacking)) < np.mean(views.own_worths)
     found, _ = decide(views, votes(TRUTHS, lacking), final=True)
     assert found.masks == "both"
+    assert "surely less, but their outlines surely lie on edges more" in found.reason
 
 
 def test_votes_and_maps_that_are_worth_the_same_are_averaged() -> None:

@@ -174,7 +174,7 @@ FAULTS: dict[str, Fault] = {
 # How a run ends that was hit; one that ends otherwise was not, and says nothing.
 ENDS: dict[Fault, str] = {
     kill_flow: f"exit {-signal.SIGKILL}",
-    terminate_flow: f"exit {-signal.SIGTERM}",
+    terminate_flow: f"exit {128 + signal.SIGTERM}",
     interrupt_flow: "exit 130",
     kill_server: "exit 1",
     full_disk: "exit 1",

@@ -17,7 +17,8 @@ from flows.cli.making import captures, segment
 from mattgs_ops.errors import InputError, MattgsError
 
 AGAIN_SECONDS = 0.05  # after which a Ctrl-C that was dropped comes again
-EXIT_FAILED, EXIT_INPUT, EXIT_EXPERIMENTS, EXIT_INTERRUPTED = 1, 2, 3, 130
+EXIT_FAILED, EXIT_INPUT, EXIT_EXPERIMENTS = 1, 2, 3
+EXIT_INTERRUPTED, EXIT_TERMINATED = 128 + signal.SIGINT, 128 + signal.SIGTERM  # as shells say it
 
 app = typer.Typer(
     help="Benchmark masked, attention-weighted 3D Gaussian Splatting against plain 3DGS on a CPU.",
@@ -198,13 +199,19 @@ segment.register(app)
 
 
 @contextmanager
-def _heeding_ctrl_c() -> Iterator[None]:
-    """Have Ctrl-C end the program wherever it is.
+def _heeding_interrupts() -> Iterator[set[int]]:
+    """Have Ctrl-C end the program wherever it is, and SIGTERM as Ctrl-C does; yield what came.
 
-    Python drops and prints what is raised in a callback of the garbage collector, of which Dask and
-    SQLAlchemy have some: a Ctrl-C that came there is sent again, by an alarm, which needs no lock.
+    Batch systems and containers end what they run by SIGTERM. Python drops and prints what is
+    raised in a callback of the garbage collector, of which Dask and SQLAlchemy have some: what came
+    there is sent again as Ctrl-C, by an alarm, which needs no lock.
     """
-    before = sys.unraisablehook, signal.getsignal(signal.SIGALRM)
+    before = sys.unraisablehook, signal.getsignal(signal.SIGALRM), signal.getsignal(signal.SIGTERM)
+    came: set[int] = set()
+
+    def interrupt(number: int, _: FrameType | None) -> None:
+        came.add(number)
+        raise KeyboardInterrupt
 
     def dropped(unraisable: "sys.UnraisableHookArgs") -> None:
         if issubclass(unraisable.exc_type, KeyboardInterrupt):
@@ -221,18 +228,20 @@ def _heeding_ctrl_c() -> Iterator[None]:
         signal.raise_signal(signal.SIGINT)
 
     signal.signal(signal.SIGALRM, send_again)
+    signal.signal(signal.SIGTERM, interrupt)
     sys.unraisablehook = dropped
     try:
-        yield
+        yield came
     finally:
         sys.unraisablehook = before[0]
         signal.signal(signal.SIGALRM, before[1])
+        signal.signal(signal.SIGTERM, before[2])
 
 
 def main() -> None:
     """Entry of ``mattgs``: errors a person can act on, without tracebacks."""
     try:
-        with _heeding_ctrl_c():
+        with _heeding_interrupts() as came:
             app()
     except InputError as error:
         sys.stderr.write(f"mattgs: {error}\n")
@@ -256,9 +265,11 @@ def main() -> None:
         sys.stderr.write(f"mattgs: MLflow: {str(error).splitlines()[0]}\n")
         sys.exit(EXIT_FAILED)
     except SystemExit as ended:
-        if ended.code == EXIT_INTERRUPTED:  # what Typer makes of Ctrl-C, without a word
-            sys.stderr.write("mattgs: interrupted; the same command goes on from here\n")
-        raise
+        if ended.code != EXIT_INTERRUPTED:  # what Typer makes of Ctrl-C, without a word
+            raise
+        how = "ended by SIGTERM" if signal.SIGTERM in came else "interrupted"
+        sys.stderr.write(f"mattgs: {how}; the same command goes on from here\n")
+        sys.exit(EXIT_TERMINATED if signal.SIGTERM in came else EXIT_INTERRUPTED)
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from importlib.metadata import version
@@ -111,6 +112,30 @@ def test_ctrl_c_says_that_the_same_command_goes_on(
         app.main()
     assert ended.value.code == app.EXIT_INTERRUPTED
     assert capsys.readouterr().err == "mattgs: interrupted; the same command goes on from here\n"
+
+
+def test_sigterm_ends_a_run_as_ctrl_c_does_and_says_which_it_was(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    closed = []
+
+    def terminated(*_: object, **__: object) -> bool:
+        try:
+            signal.raise_signal(signal.SIGTERM)
+        finally:
+            closed.append("services")
+        return True
+
+    before = signal.getsignal(signal.SIGTERM)
+    monkeypatch.setattr("flows.cli.run.run_benchmark", terminated)
+    monkeypatch.setattr(sys, "argv", ["mattgs", "run"])
+    with pytest.raises(SystemExit) as ended:
+        app.main()
+    assert ended.value.code == app.EXIT_TERMINATED == 143
+    told = "mattgs: ended by SIGTERM; the same command goes on from here\n"
+    assert capsys.readouterr().err == told
+    assert closed == ["services"]
+    assert signal.getsignal(signal.SIGTERM) is before
 
 
 DROPPED = """

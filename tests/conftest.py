@@ -37,6 +37,19 @@ def own_temporary_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[N
         yield
 
 
+@pytest.fixture(autouse=True)
+def own_environment(own_temporary_folder: None) -> Iterator[None]:
+    """Put back the variables that a test's commands set, as each command is a process to users.
+
+    A home of Prefect's below a test's folder would be named still when that folder is gone.
+    """
+    before = dict(os.environ)
+    yield
+    for key in os.environ.keys() - before.keys():
+        del os.environ[key]
+    os.environ.update(before)
+
+
 @pytest.fixture(scope="session")
 def real_data() -> Path:
     """Folder of real captures kept beside a checkout, never inside it; skips where absent."""

@@ -38,7 +38,7 @@ def own_temporary_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[N
 
 
 @pytest.fixture(autouse=True)
-def own_environment(own_temporary_folder: None) -> Iterator[None]:
+def own_environment() -> Iterator[None]:
     """Put back the variables that a test's commands set, as each command is a process to users.
 
     A home of Prefect's below a test's folder would be named still when that folder is gone.

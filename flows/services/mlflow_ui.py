@@ -15,7 +15,6 @@ from flows.services import embedded
 from mattgs_ops.errors import InputError, StageError
 
 ANSWER_SECONDS = 10.0  # that a server may take to say that it is there
-TERMINATED = 128 + signal.SIGTERM  # the exit code that shells give a program ended by it
 HINT = "In a benchmark, Views > Benchmark shows the tables' columns."
 
 
@@ -45,7 +44,7 @@ def _open(address: str, *, browser: bool) -> None:
 
 
 def _serve(out: Path, port: int) -> None:
-    """Serve until Ctrl-C."""
+    """Serve until Ctrl-C or SIGTERM, which the command line raises alike."""
     if not os.environ.get("MLFLOW_TRACKING_URI") and not (out / "mlflow.db").is_file():
         raise InputError(
             f"{out}: no runs were recorded there; run `mattgs run` first, or --out DIR"
@@ -67,16 +66,10 @@ def _serve(out: Path, port: int) -> None:
 
 @contextmanager
 def _ended_too(server: "subprocess.Popen[bytes]") -> Iterator["subprocess.Popen[bytes]"]:
-    """Have a server and the processes it started end with this one, also by SIGTERM."""
-
-    def terminated(*_: object) -> None:
-        sys.exit(TERMINATED)
-
-    before = signal.signal(signal.SIGTERM, terminated)
+    """Have a server and the processes it started end with what follows, however that ends."""
     try:
         yield server
     finally:
-        signal.signal(signal.SIGTERM, before)
         with suppress(ProcessLookupError):
             os.killpg(server.pid, signal.SIGTERM)
         server.wait()

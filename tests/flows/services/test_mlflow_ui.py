@@ -11,18 +11,13 @@ from urllib.request import urlopen
 
 import pytest
 
+from flows.cli import app
 from flows.services import embedded, mlflow_ui
 from mattgs_ops.errors import InputError
 from tasks.registry import runs
 
 pytestmark = pytest.mark.slow
 
-SHOW = """
-import sys
-from pathlib import Path
-from flows.services import mlflow_ui
-mlflow_ui.show(Path(sys.argv[1]), int(sys.argv[2]), browser=False)
-"""
 TIMEOUT = 240
 
 
@@ -45,11 +40,12 @@ def test_sigterm_ends_the_server_too(tmp_path: Path) -> None:
     runs.initialise(embedded.tracking_uri(tmp_path))
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
-    command = [sys.executable, "-c", SHOW, str(tmp_path), str(port)]
+    command = [sys.executable, "-m", "flows.cli.app", "ui", "--out", str(tmp_path)]
+    command += ["--port", str(port), "--no-browser"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as shown:
         until(True, port)
         shown.send_signal(signal.SIGTERM)
-        assert shown.wait(TIMEOUT) == mlflow_ui.TERMINATED
+        assert shown.wait(TIMEOUT) == app.EXIT_TERMINATED
     until(False, port)
 
 

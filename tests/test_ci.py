@@ -91,22 +91,34 @@ def test_the_workflow_runs_the_script_and_nothing_else_of_the_project() -> None:
 @pytest.mark.parametrize("code", [0, 1, 2, 3])
 @pytest.mark.parametrize("benchmark", [0, 2, 3])
 def test_the_script_ends_as_the_gate_does(tmp_path: Path, code: int, benchmark: int) -> None:
-    """With stand-ins for the commands: what is tried is what the script makes of their codes."""
+    mattgs = f"#!/bin/sh\n[ $1 = gate ] && exit {code}; exit {benchmark}"
+    assert script_with(tmp_path, mattgs) == code
+
+
+def script_with(tmp_path: Path, mattgs: str, **variables: str) -> int:
+    """Run the script with stand-ins for the commands: tried is what it makes of their codes."""
     script = tmp_path / ".ci" / "run"
     for path, text in (
         (script, SCRIPT.read_text(encoding="utf-8")),
-        (
-            tmp_path / ".venv/bin/mattgs",
-            f"#!/bin/sh\n[ $1 = gate ] && exit {code}; exit {benchmark}",
-        ),
+        (tmp_path / ".venv/bin/mattgs", mattgs),
         (tmp_path / "bin" / "make", "#!/bin/sh\nexit 0"),
     ):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text)
         path.chmod(0o755)
     paths = f"{tmp_path / 'bin'}:{os.environ['PATH']}"
-    done = subprocess.run([script], env=os.environ | {"PATH": paths}, check=False, timeout=60)
-    assert done.returncode == code
+    environment = os.environ | {"PATH": paths} | variables
+    return subprocess.run([script], env=environment, check=False, timeout=60).returncode
+
+
+def test_rows_of_an_earlier_run_are_not_judged(tmp_path: Path) -> None:
+    """The benchmark cannot be read, and the folder that ``OUT`` names holds one that ended."""
+    rows = tmp_path / "out/benchmarks/quick-ci/rows.json"
+    rows.parent.mkdir(parents=True)
+    rows.write_text("[]")
+    gate = f"#!/bin/sh\n[ $1 = run ] && exit 2; [ -e {rows} ] || exit 2"
+    assert script_with(tmp_path, gate, OUT=str(tmp_path / "out")) == 2
+    assert not rows.exists()
 
 
 def test_the_script_is_a_program_that_bash_can_read() -> None:

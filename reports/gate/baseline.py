@@ -31,6 +31,7 @@ from mattgs_ops.naming import checked_row, is_name
 from reports.gate.compare import collected
 from reports.gate.numbers import by_seed
 from reports.gate.speed import MACHINE, seconds
+from reports.rows.finite import infinite_scores
 from reports.rows.schema import PROTOCOL, Row, cells, problems
 
 SCHEMA = 3
@@ -85,7 +86,7 @@ def make(rows: Sequence[Row], name: str, noise: Mapping[str, float] | None = Non
     Failed rows may be part of it: a cell that failed is then expected to fail, or is fixed. Rows
     that failed all together are none.
     """
-    wrong = problems(rows)
+    wrong = problems(rows) or infinite_scores(rows)
     if wrong or not any(row["status"] == "finished" for row in rows):
         reasons = sorted({f"failed: {row['reason']}" for row in rows if not wrong})
         listed = "\n".join(wrong or reasons) or "there are none"

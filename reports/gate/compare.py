@@ -12,6 +12,7 @@ shows only there. Confidences are set in ``tolerances.py`` so that unchanged cod
 less than 1 % of gate runs.
 """
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from statistics import fmean
@@ -60,6 +61,10 @@ def collected(
     findings: list[Finding] = []
     judged: list[Judged] = []
     for key in sorted(ours.keys() | theirs.keys(), key=order):
+        twice = _twice({"candidate": ours.get(key), "baseline": theirs.get(key)})
+        if twice:
+            findings.append(Finding(str(key), "run", "rows", Verdict.NOT_COMPARABLE, twice))
+            continue
         status = _status(key, ours.get(key), theirs.get(key))
         if status is not None:
             findings.append(status)
@@ -140,6 +145,17 @@ def _alarming(finding: Finding) -> bool:
     return finding.change is not None and finding.change.mean < -finding.margin
 
 
+def _twice(sides: Mapping[str, Cell | None]) -> str:
+    """Say which experiments of a cell have more than one row, of which none is the right one."""
+    return "; ".join(
+        f"seed {seed} appears {times} times in the {side}"
+        for side, cell in sides.items()
+        if cell is not None
+        for seed, times in sorted(Counter(int(row["seed"]) for row in cell.rows).items())
+        if times > 1
+    )
+
+
 def _status(key: CellKey, ours: Cell | None, theirs: Cell | None) -> Finding | None:
     """Say what became of a cell's experiments."""
     name = str(key)
@@ -149,20 +165,19 @@ def _status(key: CellKey, ours: Cell | None, theirs: Cell | None) -> Finding | N
     if theirs is None:
         reason = "the baseline has no such cell; make a new one"
         return Finding(name, "run", "status", Verdict.NOT_COMPARABLE, reason)
-    before = {int(row["seed"]) for row in theirs.finished}
-    after = {int(row["seed"]) for row in ours.finished}
+    before, after = ({int(row["seed"]) for row in cell.finished} for cell in (theirs, ours))
     reasons = {int(row["seed"]): str(row.get("reason")) for row in ours.failed}
-    lost = sorted(before - after)
-    if lost:
-        why = "; ".join(f"seed {seed}: {reasons.get(seed, 'no row')}" for seed in lost)
-        return Finding(name, "run", "status", Verdict.NEWLY_FAILING, why)
-    if not before and not after:
-        why = "; ".join(f"seed {seed}: {text}" for seed, text in sorted(reasons.items()))
-        return Finding(name, "run", "status", Verdict.STILL_FAILING, why)
-    if after - before:
-        failed = {int(row["seed"]) for row in theirs.failed}
-        if after & failed:
-            return Finding(name, "run", "status", Verdict.FIXED, "failed in the baseline")
+    failed = {int(row["seed"]) for row in theirs.failed}
+    for verdict, seeds, where in (
+        (Verdict.NEWLY_FAILING, before - after, ""),
+        (Verdict.NOT_COMPARABLE, reasons.keys() - failed, " (the baseline has no such seed)"),
+        (Verdict.STILL_FAILING, reasons.keys() & failed, ""),
+    ):
+        if seeds:
+            why = (f"seed {seed}: {reasons.get(seed, 'no row')}{where}" for seed in sorted(seeds))
+            return Finding(name, "run", "status", verdict, "; ".join(why))
+    if after & failed:
+        return Finding(name, "run", "status", Verdict.FIXED, "failed in the baseline")
     return Finding(name, "run", "status", Verdict.SAME)
 
 

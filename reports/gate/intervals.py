@@ -49,10 +49,11 @@ def _by_spread(number: Judged, level: float, among: float, cells: int) -> Interv
         statistics.quantile(cells - 1, level) * among if among > 0 else 0.0,
     )
     if number.tolerance.kind == "difference":
-        interval = statistics.paired(changes, dict.fromkeys(changes, 0.0), level)
-        assert interval is not None  # changes hold complete pairs
-        if interval.mean == interval.half == 0:
-            return interval  # the same to the bit: a deterministic run has no noise to add
+        if not any(changes.values()):  # to the bit: a deterministic run has no noise to add
+            return Interval(0.0, 0.0, 0.0, len(changes))
+        table = statistics.complete(changes)
+        assert table is not None  # changes hold complete pairs
+        interval = statistics.crossed(table, level)
         half = math.hypot(interval.half, run)
         return Interval(interval.mean, interval.mean - half, interval.mean + half, interval.samples)
     mean = change_of(number)
@@ -133,6 +134,8 @@ def interval_of_all(numbers: Sequence[Judged], level: float) -> Interval:
     runs = [change for number in numbers for change, _ in by_seed(number).values()]
     stated = normal * tolerance.noise * math.sqrt(2 / len(runs))
     if tolerance.kind == "difference":
+        if not any(any(changes_of(number).values()) for number in numbers):
+            return Interval(0.0, 0.0, 0.0, len(runs))  # the same to the bit
         interval = statistics.stratified(_by_view(numbers), shared)
         among = spread_among(numbers)
         spread = statistics.quantile(len(numbers) - 1, shared) * among / math.sqrt(len(numbers))

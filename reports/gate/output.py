@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 
 from reports.gate import tolerances
 from reports.gate.findings import ALL_CELLS, Exit, Finding, GateReport, Verdict
+from reports.markdown import table_cell
 
 SCHEMA = 4
 IN_WORDS = {
@@ -80,7 +81,7 @@ def markdown(report: GateReport, pictures: Sequence[tuple[str, str]] = ()) -> st
             cells = [*_cells(finding), finding.reason]
             if finding.verdict in FAILURES:
                 cells[0] = f"**{cells[0]}**"
-            lines.append("| " + " | ".join(c.replace("|", "\\|") for c in cells) + " |")
+            lines.append("| " + " | ".join(map(table_cell, cells)) + " |")
         lines.append("")
     for caption, link in pictures:
         lines += [f"![{caption}]({link})", "", f"*{caption}*", ""]

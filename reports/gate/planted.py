@@ -171,9 +171,9 @@ def grow(row: Row, share: float = GROWTH) -> Row:
 
 def leak(row: Row) -> Row:
     """Have the first held-out view among the training views."""
-    leaked = str(held_out_views(row)[0]["view"])
+    leaked = [str(view["view"]) for view in held_out_views(row)[:1]]
     trained, _ = trained_views(row)
-    return row | {"trained_on": sorted({leaked, *trained})}
+    return row | {"trained_on": sorted({*leaked, *trained})}
 
 
 def other_masks(row: Row) -> Row:

@@ -13,6 +13,7 @@ from typing import Any
 from reports.figures import all_figures, pictures, plots
 from reports.figures import budgets as budget_figures
 from reports.figures.plots import Saved
+from reports.markdown import items
 from reports.page import page, unchanged
 from reports.rows.budgets import largest
 from reports.rows.clock import clock_notes
@@ -173,23 +174,28 @@ def _markdown(content: Content, absent: Sequence[str], out: Path) -> str:
     tables, missing = content.tables, [*content.problems, *absent]
     parts = [f"# {content.title}", "", content.line, ""]
     if content.warned:
-        parts += ["## Warnings", "", *(f"- **{text}**" for text in content.warned), ""]
+        parts += ["## Warnings", "", *items(f"**{text}**" for text in content.warned), ""]
     if content.first:
         parts += ["## What a budget buys", "", *_pictures(content.first, out)]
         parts += [formats.markdown(table) for table in tables if table.slug == BUDGETS]
         tables = [table for table in tables if table.slug != BUDGETS]
     parts += ["## Verdict", ""]
     for one in content.judged:
-        parts.append(f"- **{one.headline}**")
-        parts += [f"  - {detail}" for detail in one.details]
+        parts += items([f"**{one.headline}**"])
+        parts += [f"  {item}" for item in items(one.details)]
     if content.notes:
-        parts += ["", "To know when reading this:", "", *(f"- {text}" for text in content.notes)]
+        parts += [
+            "",
+            "To know when reading this:",
+            "",
+            *items(content.notes),
+        ]
     parts += ["", "## Tables", ""]
     parts += [formats.markdown(table) for table in tables]
     if content.drawn:
         parts += ["## Figures", "", *_pictures(content.drawn, out)]
     if missing:
-        parts += ["## Not shown", "", *(f"- {text}" for text in missing), ""]
+        parts += ["## Not shown", "", *items(missing), ""]
     return "\n".join(parts).rstrip() + "\n"
 
 

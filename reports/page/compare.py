@@ -1,6 +1,6 @@
 """Two runs of one capture side by side: a table, and a page with a slider over their test views."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -167,19 +167,23 @@ def judged(first: Side, second: Side) -> str:
 def notes(first: Side, second: Side) -> list[str]:
     """Return why scores or times of the two do not compare, as far as the rows tell."""
     both = second.row, first.row
-    found = [f"candidate: {text}" for text in comparable.leaks(second.row)]
-    found += [f"baseline: {text}" for text in comparable.leaks(first.row)]
-    found += comparable.other_protocol(*both) + comparable.other_inputs(*both)
-    found += comparable.other_views(*both) + comparable.other_truth(*both)
+    found = [f"B: {text}" for text in comparable.leaks(second.row)]
+    found += [f"A: {text}" for text in comparable.leaks(first.row)]
+    found += _by_letter(comparable.other_protocol(*both)) + comparable.other_inputs(*both)
+    found += comparable.other_views(*both) + _by_letter(comparable.other_truth(*both))
     if first.row["background"] != second.row["background"]:
         found.insert(
             0,
             "Without background, white pixels come for free: compare PSNR and L1 in the mask only.",
         )
-    named = [text.replace("baseline", "A").replace("candidate", "B") for text in found]
     if machine_of(first.row) != machine_of(second.row):
-        named.append("Times and FPS are of different machines and do not compare.")
-    return named + clock.clock_notes([first.row, second.row])
+        found.append("Times and FPS are of different machines and do not compare.")
+    return found + clock.clock_notes([first.row, second.row])
+
+
+def _by_letter(sentences: Sequence[str]) -> list[str]:
+    """Call a gate's two sides as the page does, in sentences that hold no names of photos."""
+    return [text.replace("baseline", "A").replace("candidate", "B") for text in sentences]
 
 
 def _certainty(interval: Interval) -> str:

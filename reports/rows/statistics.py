@@ -6,7 +6,7 @@ mean comes from the two-way mean squares, its degrees of freedom from Satterthwa
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,17 +46,27 @@ def paired(
 ) -> Interval | None:
     """Interval of ``candidate - baseline`` over keys (view, seed) that both have.
 
-    Views that some seed lacks are left out, so that the table is complete; None when nothing is
-    left.
+    Samples are the views of :func:`complete`; None when there are none. With one it is infinite,
+    however many seeds there are: they say nothing of other views.
     """
     shared = candidate.keys() & baseline.keys()
-    seeds = sorted({seed for _, seed in shared})
-    views = sorted({view for view, _ in shared})
-    views = [view for view in views if all((view, seed) in shared for seed in seeds)]
-    if not views:
+    table = complete({key: candidate[key] - baseline[key] for key in shared})
+    if table is None:
         return None
-    table = np.array([[candidate[v, s] - baseline[v, s] for s in seeds] for v in views])
-    return crossed(table, confidence)
+    if len(table) == 1:
+        return sample([float(table.mean())], confidence)
+    return replace(crossed(table, confidence), samples=len(table))
+
+
+def complete(values: Mapping[tuple[str, int], float]) -> Floats | None:
+    """Return values by (view, seed) as a table [views, seeds], for :func:`crossed`.
+
+    Views that some seed lacks are left out; None when nothing is left.
+    """
+    seeds = sorted({seed for _, seed in values})
+    views = sorted({view for view, _ in values})
+    views = [view for view in views if all((view, seed) in values for seed in seeds)]
+    return np.array([[values[view, seed] for seed in seeds] for view in views]) if views else None
 
 
 def by_view(

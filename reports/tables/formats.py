@@ -13,6 +13,8 @@ from html import escape
 
 import markupsafe
 
+from reports.markdown import items, table_cell
+
 TERMINAL_WIDTH = 80
 GAP, NARROW_GAP = 2, 1  # blanks between columns; numbers have one behind them, or the `*`
 SHORTER = {"Size(MB)↓": "MB↓"}  # headings of narrow tables
@@ -196,12 +198,12 @@ def markdown(table: Table) -> str:
                 else []
             )
             out.append(_pipes([group.label if index == 0 else "", label, *entries, *runs]))
-    out += ["", *(f"- {note}" for note in table.notes)] if table.notes else []
+    out += ["", *items(table.notes)] if table.notes else []
     return "\n".join(out).rstrip() + "\n"
 
 
 def _pipes(cells: list[str]) -> str:
-    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+    return "| " + " | ".join(map(table_cell, cells)) + " |"
 
 
 def html(table: Table) -> str:

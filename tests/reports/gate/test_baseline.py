@@ -199,6 +199,10 @@ def test_bad_rows_make_no_baseline(make_row: Callable[..., Row]) -> None:
         baseline.make([row], "quick")
     with pytest.raises(InputError, match="there are none"):
         baseline.make([], "quick")
+    row = make_row("rover", "nobg", "3dgs")
+    row["per_view"][1]["psnr"] = math.inf
+    with pytest.raises(InputError, match=r"row 0 \(.*\): psnr of 0008.jpg is inf"):
+        baseline.make([row], "quick")
 
 
 def test_a_run_of_which_nothing_finished_makes_no_baseline(make_row: Callable[..., Row]) -> None:

@@ -9,7 +9,7 @@ import pytest
 from reports.gate.compare import compare
 from reports.gate.findings import Exit, Verdict
 from reports.rows.schema import Row
-from tests.reports.gate.conftest import Rows, found, poison
+from tests.reports.gate.conftest import Rows, found, poison, shift_views
 
 
 def forget(row: Row) -> None:
@@ -139,3 +139,48 @@ def test_a_sample_of_training_views_compares_with_all_of_them(old: Rows) -> None
     assert reason(sample, trained(old[0], "b.jpg")) == "other training views: a.jpg"
     others = trained(old[0], "a.jpg", "c.jpg"), trained(old[0], "a.jpg", "b.jpg")
     assert reason(*others) == "other training views: b.jpg, c.jpg"
+
+
+def of_seed(seed: int, row: Row) -> Row:
+    return row | {"seed": seed}
+
+
+def status_of(new: Rows, old: Rows) -> tuple[Verdict, str, int]:
+    report = compare(new, old)
+    (finding,) = [f for f in report.findings if f.metric in ("status", "rows")]
+    return finding.verdict, finding.reason, report.exit_code
+
+
+def test_seeds_that_fail_are_told_also_where_others_finished(
+    old: Rows, make_failed: Callable[..., Row]
+) -> None:
+    finished = [old[0], of_seed(1, old[0])]
+    failed = of_seed(2, make_failed("rover", "original", "3dgs", "out of memory"))
+    both = [*finished, failed]
+    told = "seed 2: out of memory"
+    assert status_of(both, both) == (Verdict.STILL_FAILING, told, Exit.PASS)
+    why = f"{told} (the baseline has no such seed)"
+    assert status_of(both, finished) == (Verdict.NOT_COMPARABLE, why, Exit.CANNOT_JUDGE)
+    three = [*finished, of_seed(2, old[0])]
+    assert status_of(both, three) == (Verdict.NEWLY_FAILING, told, Exit.FAILED_RUNS)
+
+
+def test_an_experiment_with_two_rows_is_not_judged_whichever_comes_last(old: Rows) -> None:
+    worse = deepcopy(old[0])
+    shift_views(worse, psnr=-8.0)
+    for twice in ([old[0], worse], [worse, old[0]]):
+        for sides, where in (((twice, old[:1]), "candidate"), ((old[:1], twice), "baseline")):
+            why = f"seed 0 appears 2 times in the {where}"
+            assert status_of(*sides) == (Verdict.NOT_COMPARABLE, why, Exit.CANNOT_JUDGE)
+
+
+def test_the_same_bits_are_the_same_also_of_one_view(old: Rows) -> None:
+    """A capture of up to eight photos has one held-out view, which shows no spread."""
+    rows = [row | {"per_view": row["per_view"][:1]} for row in old]
+    report = compare(rows, rows)
+    assert {f.verdict for f in report.findings if f.aspect == "quality"} == {Verdict.SAME}
+    assert report.exit_code == Exit.PASS
+    moved = deepcopy(rows)
+    shift_views(moved[0], psnr=0.001)
+    told = {f.verdict for f in compare(moved[:1], rows[:1]).findings if f.metric == "psnr"}
+    assert told == {Verdict.INCONCLUSIVE}, "one view that changed says nothing of others"

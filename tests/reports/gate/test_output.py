@@ -1,6 +1,7 @@
 """What the gate prints and writes."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -12,6 +13,7 @@ from reports.gate import output, pictures
 from reports.gate.compare import compare
 from reports.gate.findings import ALL_CELLS, Finding, Verdict
 from reports.rows import statistics
+from reports.rows.schema import Row
 from tests.reports.gate.conftest import SCHEMA, Rows, changed, poison, shift_views
 
 
@@ -67,6 +69,17 @@ def test_a_finding_tells_what_each_side_had_in_a_cell_and_on_average(old: Rows) 
     told = {f["cell"]: (f["before"], f["after"]) for f in findings if f["metric"] == "psnr"}
     assert told["rover/original-3dgs@1000x320"] == (20, 19.5)
     assert told[ALL_CELLS] == (25.5, 25), "12 cells from 20 to 31"
+
+
+def test_a_reason_of_many_lines_stays_in_its_row(
+    old: Rows, make_failed: Callable[..., Row]
+) -> None:
+    why = "2 of 9 photos got a camera:\nimg_003.jpg: 12 key points\nimg_004.jpg: none"
+    report = compare([make_failed("rover", "original", "3dgs", why), *old[1:]], old)
+    lines = output.markdown(report).splitlines()
+    table = [line for line in lines if line.startswith("|")]
+    assert len(table) == 2 + len(output.worth_reading(report))
+    assert any("camera: img_003.jpg: 12 key points img_004.jpg" in line for line in table)
 
 
 def test_findings_know_how_bad_they_are() -> None:

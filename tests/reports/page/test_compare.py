@@ -70,6 +70,18 @@ def test_full_frames_of_two_backgrounds_are_not_judged() -> None:
     assert "PSNR colour-corrected↑" not in mask
 
 
+def test_notes_name_the_two_as_the_page_does_and_photos_as_they_are_called() -> None:
+    first, second = sides()
+    leaked = second.row["per_view"][0]
+    leaked["view"] = "baseline-3.jpg"
+    second.row["trained_on"] = ["baseline-3.jpg"]
+    second.row["protocol"] = 99
+    told = compare.notes(first, second)
+    assert told[0] == "B: held-out views were trained on: baseline-3.jpg"
+    assert any(text.startswith("protocol: A ") and text.endswith(", B 99") for text in told)
+    assert any("other held-out views: baseline-3.jpg" in text for text in told)
+
+
 @pytest.mark.parametrize("metrics", [{}, {"time_cpu": 12.0}])
 def test_times_of_trainings_that_waited_are_not_judged(metrics: dict[str, float]) -> None:
     first, second = sides()

@@ -77,8 +77,16 @@ def test_only_shared_and_complete_views_are_paired() -> None:
     other = {("a", 0): 2.0, ("a", 1): 2.0, ("b", 0): 9.0, ("c", 0): 2.0, ("c", 1): 2.0}
     found = statistics.paired(other, base)
     assert found is not None
-    assert (found.mean, found.samples) == (1.0, 4)
+    assert (found.mean, found.samples) == (1.0, 2), "views; their seeds are no further ones"
     assert statistics.paired({("x", 0): 1.0}, base) is None
+
+
+def test_seeds_of_one_view_say_nothing_of_other_views() -> None:
+    base = {("a", seed): 25.0 for seed in range(3)}
+    found = statistics.paired({key: 25.5 + 0.01 * key[1] for key in base}, base)
+    assert found is not None
+    assert found.mean == pytest.approx(0.51)
+    assert (found.samples, found.half) == (1, np.inf)
 
 
 def test_one_value_says_nothing_of_spread() -> None:

@@ -27,6 +27,30 @@ def test_a_gain_is_called_one_only_beyond_doubt(make_row: Callable[..., Row]) ->
     assert "a 25 % smaller file and 10 % more training time" in loss
 
 
+def of_seed(seed: int, row: Row, views: int, shift: float) -> Row:
+    """Return the row as one of another seed with fewer views, which rounding moved a little."""
+    kept = [view | {"mask_psnr": view["mask_psnr"] + shift} for view in row["per_view"][:views]]
+    return row | {"seed": seed, "per_view": kept}
+
+
+@pytest.mark.parametrize(
+    ("views", "claim", "evidence"),
+    [
+        (1, "does not measurably differ", "PSNR in mask +0.51 dB (one view: no interval)"),
+        (6, "gains 0.51 dB", "6 paired views)"),
+    ],
+)
+def test_seeds_are_no_views(
+    make_row: Callable[..., Row], views: int, claim: str, evidence: str
+) -> None:
+    plain, ours = pair(make_row, [0.5] * 6)
+    rows = [of_seed(seed, plain, views, 0.0) for seed in range(3)]
+    rows += [of_seed(seed, ours, views, 0.01 * seed) for seed in range(3)]
+    found = verdict.verdicts(rows)[0]
+    assert claim in found.headline
+    assert evidence in found.details[0]
+
+
 @pytest.mark.parametrize(
     ("size", "words"),
     [

@@ -1,0 +1,18 @@
+"""Sentences of others in Markdown: reasons hold line breaks, and signs that would be markup."""
+
+from collections.abc import Iterable
+
+
+def one_line(text: str) -> str:
+    """Return a text that stays in its line and starts no tag."""
+    return " ".join(text.split()).replace("<", "&lt;")
+
+
+def items(texts: Iterable[str]) -> list[str]:
+    """Return the lines of a list, one for each text."""
+    return [f"- {one_line(text)}" for text in texts]
+
+
+def table_cell(text: str) -> str:
+    """Return a text that stays in its cell of a pipe table."""
+    return one_line(text).replace("|", "\\|")

@@ -11,7 +11,7 @@ from pydantic import Field
 
 from flows.cli.arguments import DEFAULT_OUT
 from flows.cli.options import RUN_OPTIONS
-from mattgs_ops.frozen import Frozen
+from mattgs_ops.frozen import Frozen, Seed
 from mattgs_ops.naming import Name
 from reports.gate.tolerances import Doubt
 
@@ -59,7 +59,7 @@ class GridForm(Frozen):
         description="background and method; methods of your own: in the TOML file",
         min_length=1,
     )
-    seeds: tuple[int, ...] | None = Field(
+    seeds: tuple[Seed, ...] | None = Field(
         None, title="Seeds", description="one training each", min_length=1
     )
     iterations: int | None = Field(None, title="Iterations", ge=1, description="training steps")

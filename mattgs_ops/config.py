@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from mattgs_ops.frozen import Background, Frozen
+from mattgs_ops.frozen import Background, Frozen, Seed
 from mattgs_ops.method import METHODS, MethodConfig, unfolded
 from mattgs_ops.naming import Name
 from mattgs_ops.trainer import TrainerConfig
@@ -206,7 +206,7 @@ class BenchmarkConfig(Frozen):
     name: Name = "quick"
     captures: tuple[CaptureConfig, ...] = tuple(CaptureConfig(name=n) for n in BUNDLED)
     conditions: tuple[str, ...] = CONDITIONS
-    seeds: tuple[int, ...] = (0,)
+    seeds: tuple[Seed, ...] = (0,)
     iterations: int = Field(1000, ge=1)
     resolution: int = Field(320, ge=16, description="longest side of training views, pixels")
     train_views: int = Field(

@@ -1,10 +1,11 @@
-"""The base of all configuration, and a word that several of its modules need."""
+"""The base of all configuration, and what several of its modules need."""
 
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 Background = Literal["original", "nobg"]
+Seed = Annotated[int, Field(ge=0)]  # numpy's generators take no other
 
 
 class Frozen(BaseModel):

@@ -178,6 +178,6 @@ def unfolded(table: object) -> object:
     if not isinstance(table, dict) or "like" not in table:
         return table
     name = table["like"]
-    if name not in METHODS:
+    if not isinstance(name, str) or name not in METHODS:
         raise ValueError(f"like = {name!r}: expected one of {', '.join(METHODS)}")
     return METHODS[name].model_dump() | {k: v for k, v in table.items() if k != "like"}

@@ -19,12 +19,13 @@ from mattgs_ops.segment.infer import segment
 from mattgs_ops.segment.inspect_photos import AT_SMALL_ANGLES, MOST_LISTED, Inspected, inspect
 from mattgs_ops.segment.mask_report import MaskReport
 from mattgs_ops.segment.quick_matches import shrunk_mask
+from mattgs_ops.sfm.checks import check_given_cameras, keeps_poses
 from mattgs_ops.sfm.lost_views import MOST_VIEWS
+from mattgs_ops.sfm.world_units import check_units
 from reports.figures.mask_sheets import draw
 from reports.figures.plots import style
 from tasks.stages.cores import own_cores
 
-FEWEST_PLACED = 0.5  # of the photos, as `sfm.min_registered`
 FURTHER_ATTEMPTS = "and longer where the photos without a camera are sought anew"
 # Seconds of a run at its default settings on two cores of 2026, by what they grow with. The first
 # is of `benchmarks/sfm/beside_colmap.py` with two threads, the others of `make run` (216 photos of
@@ -78,21 +79,32 @@ def _look(
         prepared = prepare(
             capture, out / "prepared", test_every=every, threads=threads, progress=progress
         )
-        seen = inspect(prepared, progress=progress)
+        given = keeps_poses(prepared, config.sfm)
+        if given:
+            _check_cameras(prepared, config.sfm.min_registered)
+        seen = inspect(prepared, estimate=not given, progress=progress)
         try:
             report = segment(
                 prepared, config.segment, out / "segmented", threads=threads, progress=progress
             )
         except StageError as error:
             raise InputError(str(error)) from error
-    good = seen.placed >= FEWEST_PLACED * len(seen.names)
+    good = seen.placed >= config.sfm.min_registered * len(seen.names)
     masks = out / "segmented" / "masks"
     views = [replace(view, mask=masks / mask_name(view.name)) for view in prepared.views]
     sheet = _sheet(views, report, out)
     about_masks = _about_masks(seen, report, views)
     lines = [*_lines(prepared, seen, about_masks, good=good), f"masks: {sheet}"]
-    all_placed = seen.placed >= MOST_VIEWS * len(seen.names)
+    all_placed = given or seen.placed >= MOST_VIEWS * len(seen.names)
     return lines, seconds(prepared, config) if good else None, all_placed
+
+
+def _check_cameras(capture: PreparedCapture, least: float) -> None:
+    """Raise :class:`InputError` where a run would refuse the cameras that came along."""
+    check_given_cameras(capture, least)
+    if capture.points is not None:
+        trained = [v.camera for v in capture.views if v.split == "train" and v.camera is not None]
+        check_units(capture.name, trained, capture.points.xyz)
 
 
 def _about_masks(seen: Inspected, report: MaskReport, views: Sequence[View]) -> list[str]:

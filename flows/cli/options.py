@@ -13,6 +13,7 @@ from mattgs_ops.errors import InputError
 from mattgs_ops.naming import capture_name
 
 COMMAND_LINE = "command line"
+CAMERA_FILE = re.compile(r"transforms(_train)?\.json")
 OWN_SOURCES = ("photos", "capture", "video")  # options that name a capture of the user's own
 SOURCES = (*OWN_SOURCES, "captures")
 # options and fields of the deployments' forms that are settings of RunConfig
@@ -36,6 +37,9 @@ def benchmark_config(file: Path | None, options: Mapping[str, Any]) -> Benchmark
     """
     base = BenchmarkConfig() if file is None else load_toml(file)
     given = {key: value for key, value in options.items() if value is not None}
+    path = given.get("capture")
+    if path is not None and path.is_file() and CAMERA_FILE.fullmatch(path.name):
+        given["capture"] = path.parent  # nerfstudio's and NeRF's users name the file itself
     data = base.model_dump()
     captures = _captures(given)
     if captures is not None:

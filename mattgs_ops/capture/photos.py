@@ -23,7 +23,8 @@ from mattgs_ops.naming import numbers_by_value
 FORMATS = ("JPEG", "PNG", "TIFF", "WEBP", "BMP")
 SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".mpo"})
 # Files that operating systems and other tools leave beside photos; everything else is named.
-IGNORED_FILES = frozenset({"thumbs.db", "desktop.ini", "transforms.json"}) | LIST_FILES
+SYSTEM_FILES = frozenset({"thumbs.db", "desktop.ini"})
+IGNORED_FILES = SYSTEM_FILES | {"transforms.json"} | LIST_FILES
 IGNORED_FOLDERS = frozenset({"masks", "sparse"})
 OUTPUT_MARK = ".mattgs-out"  # an empty file in folders of our own output
 PNG_BIT_DEPTH_OFFSET = 24  # byte of IHDR, PNG specification section 11.2.2
@@ -123,15 +124,15 @@ def exif_orientation(path: Path) -> int:
         return image.getexif().get(ExifTags.Base.Orientation, 0) or UPRIGHT
 
 
-def decode(path: Path) -> Photo:
-    """Decode a photo upright; raises :class:`InputError` naming the file and what to do.
+def decode(path: Path, *, as_stored: bool = False) -> Photo:
+    """Decode a photo upright, or ``as_stored``; an alpha channel that is opaque counts as none.
 
-    An alpha channel that is opaque everywhere counts as none.
+    Raises :class:`InputError` naming the file and what to do.
     """
     try:
         with Image.open(path, formats=FORMATS) as image:
             _refuse_unsuitable(path, image)
-            turned = upright(image)
+            turned = image if as_stored else upright(image)
             transparent = turned.has_transparency_data
             focal, lens = exif_focal(image.getexif(), image.size), exif_lens(image.getexif())
             pixels = np.asarray(turned.convert("RGBA" if transparent else "RGB"))
@@ -139,6 +140,8 @@ def decode(path: Path) -> Photo:
         raise InputError(
             f"{path}: cannot be read as an image; replace it by an intact copy or remove it"
         ) from error
+    except Image.DecompressionBombError as error:
+        raise InputError(f"{path}: too large to be read ({error}); reduce it") from error
     except UNREADABLE as error:
         raise InputError(
             f"{path}: damaged or cut short ({error}); replace it by an intact copy or remove it"

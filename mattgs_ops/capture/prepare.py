@@ -24,7 +24,7 @@ from PIL import Image
 
 from mattgs_ops.capture.camera import Camera
 from mattgs_ops.capture.formats.point_cloud import read_points
-from mattgs_ops.capture.formats.posed import camera_problems, raise_all
+from mattgs_ops.capture.formats.posed import camera_problems, is_as_stored, raise_all
 from mattgs_ops.capture.mask_files import (
     binary,
     decode_coverage,
@@ -191,7 +191,7 @@ def _look(source: Source, where: SourcePhoto) -> _Checked:
     readable = alpha = False
     problems: list[str] = []
     try:
-        photo = decode(where.path)
+        photo = _decoded(source, where)
         readable, alpha = True, photo.alpha is not None
         problems += camera_problems(where.path, photo.size, source.posed.get(where.path))
         coverage = _coverage(source, where, photo)
@@ -205,6 +205,14 @@ def _look(source: Source, where: SourcePhoto) -> _Checked:
     return _Checked(problems, readable, alpha, looks_inverted(mask))
 
 
+def _decoded(source: Source, where: SourcePhoto) -> Photo:
+    """Decode a photo the way up that its camera means."""
+    photo = decode(where.path)
+    if is_as_stored(where.path, photo.size, source.posed.get(where.path)):
+        return decode(where.path, as_stored=True)
+    return photo
+
+
 def _write_view(
     where: SourcePhoto,
     split: Split,
@@ -215,7 +223,7 @@ def _write_view(
     lenses: Undistortions,
 ) -> View:
     """Write one photo and its mask."""
-    photo = decode(where.path)
+    photo = _decoded(source, where)
     rgb, coverage = on_white(photo), _coverage(source, where, photo)
     mask = None if coverage is None else binary(coverage, str(where.path))
     camera, posed = None, source.posed.get(where.path)

@@ -17,7 +17,7 @@ from mattgs_ops.capture.formats import colmap, nerfstudio
 from mattgs_ops.capture.formats.colmap_model import model_files
 from mattgs_ops.capture.formats.posed import PosedCapture, PosedPhoto, raise_all
 from mattgs_ops.capture.formats.split_lists import listed_names, read_lists
-from mattgs_ops.capture.photos import FOLDER_MARK, OUTPUT_MARK, list_photos
+from mattgs_ops.capture.photos import FOLDER_MARK, OUTPUT_MARK, SYSTEM_FILES, list_photos
 from mattgs_ops.capture.scene import Split
 from mattgs_ops.capture.video import VIDEO_SUFFIXES
 from mattgs_ops.config import CaptureConfig
@@ -70,9 +70,17 @@ class Source:
         yield from self.read
         yield from (posed.mask for posed in self.posed.values() if posed.mask is not None)
         if self.masks is not None:
-            yield from (path for path in self.masks.rglob("*") if path.is_file())
+            yield from files_below(self.masks)
         if self.points is not None:
             yield from model_files(self.points) if self.points.is_dir() else (self.points,)
+
+
+def files_below(folder: Path) -> Iterator[Path]:
+    """Yield the files below a folder but those that systems leave there: hidden ones, Thumbs.db."""
+    for path in folder.rglob("*"):
+        own = path.name.startswith(".") or path.name.lower() in SYSTEM_FILES
+        if path.is_file() and not own:
+            yield path
 
 
 def view_name(relative: str) -> str:
@@ -128,19 +136,26 @@ def _of_frames(
     cameras_are: Literal["given", "truth"],
     **places: Path | None,
 ) -> Source:
-    """Make a source of frames that a file lists; names begin below the folder they share."""
+    """Make a source of frames that a file lists; names begin below the folder they share.
+
+    Where that file has no split, lists of names beside it count.
+    """
     paths = [posed.photo for posed in found.photos]
     shared = Path(os.path.commonpath([path.parent for path in paths])) if paths else root
-    photos = _named(paths, shared)
+    split, left_out, lists = found.split, found.left_out, read_lists([root])
+    if lists.any and not split:
+        split, left_out = lists.assign(
+            {name: path for path in paths for name in listed_names(path, [shared, root])}
+        )
     return Source(
         root,
-        photos,
+        _named([path for path in paths if path not in left_out], shared),
         cameras_are,
-        posed={posed.photo: posed for posed in found.photos},
-        split=found.split,
-        left_out=found.left_out,
+        posed={posed.photo: posed for posed in found.photos if posed.photo not in left_out},
+        split=split,
+        left_out=left_out,
         points=found.points,
-        read=found.read,
+        read=(*found.read, *lists.files),
         **places,
     )
 

@@ -52,8 +52,13 @@ class Inspected:
     matches: Mapping[Pair, Matches] = field(default_factory=dict)  # none where cameras are given
 
 
-def inspect(capture: PreparedCapture, *, progress: Progress = no_progress) -> Inspected:
-    """Look at all photos of a capture; ``progress`` counts each photo once."""
+def inspect(
+    capture: PreparedCapture, *, estimate: bool = False, progress: Progress = no_progress
+) -> Inspected:
+    """Look at all photos of a capture; ``progress`` counts each photo once.
+
+    Where cameras came along nothing is matched, unless a run will ``estimate`` all anew.
+    """
     names = tuple(view.name for view in capture.views)
     sharp, light, features = [], [], []
     sift = cv2.SIFT.create(nfeatures=quick_matches.FEATURES)
@@ -64,7 +69,8 @@ def inspect(capture: PreparedCapture, *, progress: Progress = no_progress) -> In
         light.append(_light(grey))
         features.append(quick_matches.key_points(grey, sift))
         progress(index + 1, len(names), view.name)
-    given = capture.cameras_are == "given"
+    given = capture.cameras_are == "given" and not estimate
+    without = [view.name for view in capture.views if given and view.camera is None]
     links = {} if given else quick_matches.match(features)
     stands_still = sum(link.moved < LOOSE for link in links.values()) > len(links) / 2
     if given:
@@ -79,6 +85,10 @@ def inspect(capture: PreparedCapture, *, progress: Progress = no_progress) -> In
         problems.append(f"exposure differs between photos: {uneven:.2f} stops (standard deviation)")
     if stands_still:
         problems.append(STANDS_STILL)
+    if without:
+        listed = listed_names(without, MOST_LISTED)
+        problems.append(f"{len(without)} came without a camera: {listed}")
+    placed -= len(without)
     return Inspected(names, tuple(matched), placed, tuple(problems), stands_still, links)
 
 

@@ -49,7 +49,7 @@ def draw(scene: Scene, path: Path, view: str | None = None) -> None:
     for axis in axes[:4]:
         axis.set_axis_off()
     axes[0].imshow(photo)
-    axes[0].set_title(shown.name, fontsize=9)
+    axes[0].set_title(shown.name, fontsize=9, parse_math=False)
     axes[1].imshow(mask, cmap="gray", vmin=0, vmax=255)
     axes[1].set_title("mask", fontsize=9)
     _scatter(axes[2], photo, xy, f"{len(xy)} key points")

@@ -86,12 +86,12 @@ class Exposures:
         colour, alpha = torch.tensor(background), rendering.alpha
         own = rendering.image - (1 - alpha)[..., None] * colour
         flat = grad.reshape(-1, 3)
-        with torch_threads(1):  # sums over pixels: more would add them in another order
+        with torch_threads(1):  # more would add in another order, over pixels and over channels
             grad_matrix = torch.cat(
                 [flat.T @ own.reshape(-1, 3), flat.T @ alpha.reshape(-1, 1)], dim=1
             )
-        grad_alpha = grad @ (matrix @ colour + offset - colour)
-        return ExposureGradients(grad @ matrix, grad_alpha, grad_matrix)
+            grad_alpha = grad @ (matrix @ colour + offset - colour)
+            return ExposureGradients(grad @ matrix, grad_alpha, grad_matrix)
 
     def descend(
         self, view: int, rendering: Rendering, background: Colour, grad: Tensor, step: int

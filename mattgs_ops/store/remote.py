@@ -46,6 +46,8 @@ class RemoteStore:
         import fsspec
 
         self.url = url.rstrip("/")
+        if not self.url:
+            raise InputError(f"--store {url!r}: expected a URL, s3://BUCKET/FOLDER for example")
         try:
             # listings are not kept: other machines write here too
             self._files, root = fsspec.url_to_fs(self.url, use_listings_cache=False)

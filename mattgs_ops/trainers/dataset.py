@@ -74,7 +74,7 @@ def write_dataset(
         frames = [_frame(view, f"./train/{Path(_file(view)).stem}") for view in views]
         _write_json(folder / "transforms_train.json", angle | {"frames": frames})
         _write_json(folder / "transforms_test.json", angle | {"frames": []})
-        _write_points(points, folder / "points3d.ply")
+        _write_points(points, folder / "points3d.ply", normals=True)  # the release reads them
     return views, points
 
 
@@ -103,8 +103,10 @@ def _nerfstudio(views: Sequence[StoredView]) -> dict[str, Any]:
         frames.append(
             _frame(view, f"images/{_file(view)}") | numbers | {"w": lens.width, "h": lens.height}
         )
-    # the first camera's numbers at the top too, where readers of one shared camera look
-    shared = {k: v for k, v in frames[0].items() if k not in ("file_path", "transform_matrix")}
+    # numbers that all frames share at the top too, where readers of one camera look; only those,
+    # as nerfstudio takes what stands there for every frame
+    first = {k: v for k, v in frames[0].items() if k not in ("file_path", "transform_matrix")}
+    shared = {k: v for k, v in first.items() if all(frame[k] == v for frame in frames)}
     head = {"camera_model": "PINHOLE", "ply_file_path": "points.ply"}
     return head | shared | {"frames": frames}
 
@@ -150,9 +152,10 @@ def _colours(points: StartingPoints) -> NDArray[np.uint8]:
     return rounded
 
 
-def _write_points(points: StartingPoints, path: Path) -> None:
-    """Write positions and colours alone: some readers take no other property."""
-    kinds = [(axis, "<f4") for axis in "xyz"] + [(c, "u1") for c in ("red", "green", "blue")]
+def _write_points(points: StartingPoints, path: Path, *, normals: bool = False) -> None:
+    """Write positions and colours alone, as some readers take no other property, or 0 normals."""
+    axes = ("x", "y", "z", *(("nx", "ny", "nz") if normals else ()))
+    kinds = [(axis, "<f4") for axis in axes] + [(c, "u1") for c in ("red", "green", "blue")]
     rows = np.zeros(len(points.xyz), dtype=kinds)
     for axis, column in zip("xyz", points.xyz.T, strict=True):
         rows[axis] = column

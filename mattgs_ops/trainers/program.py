@@ -59,6 +59,12 @@ def identify(name: str, trainer: TrainerConfig) -> Identity:
     command = [fill(part, trainer.fixed) for part in trainer.command]
     files = [_executable(name, command[0], environment)]
     files += [Path(part) for part in command[1:] if "{" not in part and Path(part).is_file()]
+    for path in files:
+        if not path.is_absolute():  # it runs in a folder of its own
+            raise StageError(
+                f"trainer {name}: {path} is found from this folder alone; write its whole path, or "
+                f"{{here}}/{path} where it lies beside the benchmark's file (docs/trainers.md)"
+            )
     digests: dict[str, str] = {}
     for place, path in enumerate(files):  # two may have one name
         key = path.name if path.name not in digests else f"{path.name} ({place})"
@@ -181,11 +187,10 @@ def step_of(line: str, total: int, pattern: str | None) -> int | None:
     if pattern is not None:
         found = re.search(pattern, line)
         number = None if found is None else found[1]
-    elif (bar := DONE_OF_ALL.search(line)) is not None:
-        # a bar of something else, such as the loading of photos, has another length
-        number = bar[1] if int(bar[2]) == total else None
     else:
+        # a bar of something else, such as the loading of photos, has another length
+        bars = (bar[1] for bar in DONE_OF_ALL.finditer(line) if int(bar[2]) == total)
         found = STEP.search(line)
-        number = None if found is None else found[1]
+        number = next(bars, None if found is None else found[1])
     digits = re.sub(r"\D", "", number or "")
     return min(int(digits), total) if digits else None

@@ -58,6 +58,7 @@ STYLE = {
     "legend.frameon": False,
     "figure.dpi": 100,
     "pdf.fonttype": 42,
+    "text.parse_math": False,  # names of photos may hold dollars
 }
 PNG_DPI = 160
 FIXED, OWN = "fixed_psnr", "psnr"  # PSNR of one and the same view; of each step's own

@@ -9,7 +9,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from mattgs_ops.capture.source import BUNDLED_FOLDER, is_video, open_source
+from mattgs_ops.capture.source import BUNDLED_FOLDER, files_below, is_video, open_source
 from mattgs_ops.config import CaptureConfig
 from mattgs_ops.errors import InputError
 from mattgs_ops.store.digests import file_digest
@@ -25,7 +25,7 @@ def capture_digest(capture: CaptureConfig) -> str:
         for label, path in sorted(_files(capture)):
             total.update(_line(label, path))
         if capture.masks is not None:
-            for path in sorted(p for p in capture.masks.rglob("*") if p.is_file()):
+            for path in sorted(files_below(capture.masks)):
                 label = path.relative_to(capture.masks).as_posix()
                 total.update(_line(f"own masks/{label}", path))
     except OSError as error:
@@ -59,6 +59,7 @@ def _files(capture: CaptureConfig) -> Iterator[tuple[str, Path]]:
         yield "video", capture.path
         return
     root = BUNDLED_FOLDER / capture.name if capture.path is None else capture.path
-    beside = (path for path in root.glob("*") if path.is_file())
+    # how a bundled capture was rendered; what else lies beside a user's photos is not read
+    beside = (path for path in root.glob("*") if path.is_file() and capture.path is None)
     for path in {*open_source(capture).files(), *beside}:
         yield Path(os.path.relpath(path, root)).as_posix(), path

@@ -52,6 +52,7 @@ def test_toml_paths_are_relative_to_the_file(tmp_path: Path) -> None:
         ("[sfm]\nmode = 'best'", r"`sfm.mode`.*'masked'.*found 'best'"),
         ("conditions = ['nobg']", r"expected BACKGROUND-METHOD"),
         ("conditions = ['nobg-theirs']", r"method 'theirs': expected one of .*3dgs"),
+        ("seeds = [0, -1]", r"`seeds.1`: .* greater than or equal to 0, found -1"),
         ("seeds = [1, 1]", r"`seeds`: expected different ones, found 1, 1$"),
         ("captures = []", r"`captures`: expected at least one, found none$"),
         ("conditions = []", r"`conditions`: expected at least one, found none$"),

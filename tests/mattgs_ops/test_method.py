@@ -53,6 +53,13 @@ def test_a_method_like_another_differs_in_what_its_table_says() -> None:
     assert config.method("plain") == MethodConfig(weight=3.0)
 
 
+def test_what_is_no_name_is_no_method(tmp_path: Path) -> None:
+    path = tmp_path / "b.toml"
+    path.write_text('[methods.mine]\nlike = ["ours"]\n')
+    with pytest.raises(InputError, match=r"methods.*like = \['ours'\]: expected one of 3dgs"):
+        load_toml(path)
+
+
 def test_a_method_like_an_unknown_one_is_refused_by_name(tmp_path: Path) -> None:
     path = tmp_path / "benchmark.toml"
     path.write_text('[methods.mine]\nlike = "mine-too"\n')

@@ -192,14 +192,12 @@ def _images_binary(path: Path, points: _Points) -> Iterator[tuple[int, SparseIma
 
 
 def _images_text(path: Path, points: _Points) -> Iterator[tuple[int, SparseImage]]:
-    lines = _data_lines(path)
-    while lines and not lines[0]:
-        lines = lines[1:]
-    for index in range(0, len(lines), 2):  # every second line lists 2D points, and may be empty
-        if not lines[index]:
-            break
-        number, *pose, camera, name = lines[index].split(maxsplit=9)
-        seconds = lines[index + 1].split() if index + 1 < len(lines) else []
+    lines = iter(_data_lines(path))
+    for line in lines:
+        if not line:  # further blank lines between images
+            continue
+        number, *pose, camera, name = line.split(maxsplit=9)
+        seconds = next(lines, "").split()  # the second line lists 2D points, and may be empty
         table = np.array(seconds, dtype=np.float64).reshape(-1, _POINT2D_FIELDS)
         seen = table[:, 2].astype(np.int64)
         numbers = np.array([float(value) for value in pose])
@@ -239,5 +237,5 @@ def _points(numbers: list[int], table: Array) -> _Points:
 
 
 def _data_lines(path: Path) -> list[str]:
-    lines = path.read_text(encoding="utf-8").splitlines()
+    lines = path.read_bytes().decode("utf-8").split("\n")  # nothing else ends a line for COLMAP
     return [line.strip() for line in lines if not line.startswith("#")]

@@ -41,6 +41,7 @@ CAMERA_MODELS = (*PINHOLES, *BROWN, *FISHEYES)
 COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 # nerfstudio's k4 of OPENCV is the factor of r⁸, COLMAP's of FULL_OPENCV is another's
 AMBIGUOUS = ("k4", "k5", "k6")
+WIDEST = 3.1  # radians, field of view of a pinhole: π is infinitely wide
 SUFFIX = ".png"  # of photos that NeRF's layout lists without one
 
 
@@ -176,6 +177,8 @@ def _resolve(folder: Path, file_path: object, where: str) -> Path:
     with_suffix = path.with_name(f"{path.name}{SUFFIX}")
     if with_suffix.is_file():
         return with_suffix
+    if "\\" in file_path:  # as Windows writes paths
+        return _resolve(folder, file_path.replace("\\", "/"), where)
     raise InputError(f"{where}: {path} is missing; restore the file or remove the frame")
 
 
@@ -197,7 +200,7 @@ def _lens(values: dict[str, Any], photo: Path, where: str) -> Lens:
         given = {key: float(values.get(key) or 0.0) for key in COEFFICIENTS}
     except KeyError as error:
         raise InputError(f"{where}: intrinsics incomplete: {error} is missing") from error
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{where}: intrinsics must be numbers: {error}") from error
     if model in PINHOLES:
         return Lens(intrinsics)
@@ -213,12 +216,23 @@ def _intrinsics(values: dict[str, Any], photo: Path, where: str) -> Intrinsics:
     if "fl_x" in values:
         fx = float(values["fl_x"])
     else:
-        fx = width / 2 / math.tan(float(values["camera_angle_x"]) / 2)
-    fy = float(values.get("fl_y", fx))
+        fx = _focal(values, "camera_angle_x", width, where)
+    if "fl_y" in values or "camera_angle_y" not in values:
+        fy = float(values.get("fl_y", fx))
+    else:
+        fy = _focal(values, "camera_angle_y", height, where)
     cx, cy = float(values.get("cx", width / 2)), float(values.get("cy", height / 2))
     if not (min(width, height) > 0 and fx > 0 and fy > 0 and np.isfinite([fx, fy, cx, cy]).all()):
         raise InputError(f"{where}: expected positive w, h, fl_x, fl_y")
     return Intrinsics(width, height, fx, fy, cx, cy)
+
+
+def _focal(values: dict[str, Any], key: str, pixels: int, where: str) -> float:
+    """Return the focal length of a field of view, in radians, over so many pixels."""
+    angle = float(values[key])
+    if not 0 < angle < WIDEST:
+        raise InputError(f"{where}: `{key}`: expected radians from 0 to {WIDEST}, found {angle:g}")
+    return pixels / 2 / math.tan(angle / 2)
 
 
 def _size(photo: Path) -> tuple[int, int]:

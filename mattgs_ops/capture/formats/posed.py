@@ -44,14 +44,29 @@ class PosedCapture:
     read: tuple[Path, ...] = ()
 
 
+def is_as_stored(path: Path, upright: tuple[int, int], posed: PosedPhoto | None) -> bool:
+    """Say whether a photo's camera is of its pixels as stored, which EXIF asks to turn.
+
+    So it is where COLMAP ran on photos that a phone took on its side: it does not turn them.
+    ``upright`` is the size (width, height) once turned.
+    """
+    if posed is None or upright[0] == upright[1]:
+        return False
+    stored = posed.lens.intrinsics.height, posed.lens.intrinsics.width
+    return upright == stored and exif_orientation(path) in SIDEWAYS
+
+
 def camera_problems(path: Path, size: tuple[int, int], posed: PosedPhoto | None) -> list[str]:
-    """Say why a photo of this size (width, height) cannot be the one that its camera is of."""
+    """Say why a photo of this size (width, height) cannot be the one that its camera is of.
+
+    The size is of the pixels as they are used, turned or as stored.
+    """
     if posed is None:
         return []
     problems = []
     given = (posed.lens.intrinsics.width, posed.lens.intrinsics.height)
     orientation = exif_orientation(path)
-    # a photo on its side whose camera is as large as the upright one: the pose is of that one
+    # a photo on its side whose size tells which way up its camera means
     clear = orientation in SIDEWAYS and size == given and given[0] != given[1]
     if orientation != UPRIGHT and not clear:
         problems.append(

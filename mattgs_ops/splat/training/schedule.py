@@ -19,7 +19,7 @@ relocations are at least 20 steps apart, no earlier than the first 20: each adds
 run of 1,000 steps would otherwise grow by half only.
 
 Without ``scale_schedule`` the step counts stand as configured, and a shorter run simply ends
-before they are reached.
+before they are reached. The last step never densifies or resets.
 """
 
 import math
@@ -128,24 +128,31 @@ class Schedule:
         """Return the SH degree in use: one more every ``sh_every`` steps."""
         return min(step // self.sh_every, self.sh_degree)
 
+    @property
+    def densify_end(self) -> int:
+        """The step from which on nothing is added, removed or reset.
+
+        Never after the last one: what is split or reset there would be saved as it is.
+        """
+        return min(self.densify_until, self.iterations)
+
     def densifies(self, step: int) -> bool:
         """Tell whether splats are added and removed after ``step``."""
-        due = step % self.densify_every == 0
-        return due and self.densify_from < step < self.densify_until
+        return step % self.densify_every == 0 and self.densify_from < step < self.densify_end
 
     def observes(self, step: int) -> bool:
         """Tell whether gradients of ``step`` count for densification."""
-        return step < self.densify_until
+        return step < self.densify_end
 
     def resets(self, step: int) -> bool:
         """Tell whether opacities are reset after ``step``."""
-        return self.reset_every > 0 and step % self.reset_every == 0 and step < self.densify_until
+        return self.reset_every > 0 and step % self.reset_every == 0 and step < self.densify_end
 
     def since_reset(self, step: int) -> int:
         """Return how many steps ago opacities were last reset; ``step`` if never."""
         if not self.reset_every:
             return step
-        last = min(step, self.densify_until - 1) // self.reset_every * self.reset_every
+        last = min(step, self.densify_end - 1) // self.reset_every * self.reset_every
         return step - last
 
     def settled(self, step: int) -> bool:
@@ -169,5 +176,6 @@ def _scaled_until(config: TrainConfig, factor: float, iterations: int) -> int:
 
 def _scaled_reset(config: TrainConfig, factor: float, iterations: int) -> int:
     every = _scaled(config.opacity_reset_every, factor, SHORTEST_RESET_EVERY)
-    last = (_scaled_until(config, factor, iterations) - 1) // every * every
+    end = min(_scaled_until(config, factor, iterations), iterations)
+    last = (end - 1) // every * every
     return every if 0 < last <= iterations - SHORTEST_RESET_EVERY else 0

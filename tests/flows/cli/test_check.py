@@ -12,6 +12,7 @@ from flows.cli.check import A_STEP, A_TRAINING, FURTHER_ATTEMPTS, seconds
 from mattgs_ops.capture.scene import PreparedCapture, View
 from mattgs_ops.config import BUNDLED, BenchmarkConfig
 from mattgs_ops.errors import InputError
+from tests.mattgs_ops.capture.conftest import NAMES, disc, write_colmap, write_masks
 
 PHOTOS = Path(__file__).resolve().parents[3] / "mattgs_ops" / "bundled" / BUNDLED[0] / "images"
 
@@ -114,6 +115,20 @@ def test_photos_may_be_named_or_not(tmp_path: Path, command: str) -> None:
         assert "missing: expected a folder of photos, found nothing" in str(result.exception)
     result = CliRunner().invoke(app, [command, "a", "--photos", "b", *out])
     assert str(result.exception) == f"{command}: expected one folder of photos, found a and b"
+
+
+@pytest.mark.parametrize(("posed", "code"), [(4, 2), (8, 0)])
+def test_cameras_that_a_run_would_refuse_are_refused(tmp_path: Path, posed: int, code: int) -> None:
+    """A COLMAP model of some of ten photos; masks come along, so that no network is asked."""
+    write_colmap(tmp_path / "in", NAMES[:posed])
+    write_masks(tmp_path / "in" / "masks", disc())
+    options = ["--capture", str(tmp_path / "in"), "--out", str(tmp_path / "out")]
+    result = CliRunner().invoke(app, ["check", *options])
+    if code:
+        assert "found 4 of 10; without one: " in str(result.exception)
+    else:
+        assert f"about {posed} of 10 photos will get a camera" in result.output
+        assert "2 came without a camera: " in result.output
 
 
 def test_without_photos_there_is_nothing_to_check(tmp_path: Path) -> None:

@@ -37,6 +37,14 @@ def test_photos_name_capture_and_benchmark_after_their_folder(
     assert (capture.name, capture.kind, capture.path) == (name, "photos", tmp_path / folder)
 
 
+@pytest.mark.parametrize("file", ["transforms.json", "transforms_train.json"])
+def test_a_file_of_cameras_stands_for_its_folder(tmp_path: Path, file: str) -> None:
+    (tmp_path / "cat").mkdir()
+    (tmp_path / "cat" / file).write_text("{}")
+    config = benchmark_config(None, {"capture": tmp_path / "cat" / file})
+    assert (config.name, config.captures[0].path) == ("cat", tmp_path / "cat")
+
+
 def test_a_name_is_the_captures_and_the_benchmarks(tmp_path: Path) -> None:
     options = {"capture": tmp_path / "x", "name": "toy", "masks": tmp_path / "m"}
     config = benchmark_config(None, options)

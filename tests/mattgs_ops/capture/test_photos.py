@@ -3,6 +3,7 @@
 import os
 import shutil
 import struct
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -115,6 +116,17 @@ def test_photos_cut_short_are_refused(tmp_path: Path, suffix: str) -> None:
     path.write_bytes(data[: len(data) * 2 // 3])
     message = refusal(path)
     assert "damaged or cut short" in message or "cannot be read" in message
+
+
+def test_a_photo_beyond_what_is_read_is_not_called_damaged(tmp_path: Path) -> None:
+    """The header alone tells the size; 200 megapixels are what some phones take."""
+    path = tmp_path / "a.png"
+    Image.fromarray(colours()).save(path)
+    data = bytearray(path.read_bytes())
+    data[16:24] = struct.pack(">II", 16320, 12240)  # IHDR's width and height
+    data[29:33] = struct.pack(">I", zlib.crc32(data[12:29]))
+    path.write_bytes(bytes(data))
+    assert "too large to be read (Image size (199756800 pixels)" in refusal(path)
 
 
 def test_text_called_jpg_is_refused(tmp_path: Path) -> None:

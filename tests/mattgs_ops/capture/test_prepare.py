@@ -194,15 +194,15 @@ def test_a_focal_length_in_exif_is_scaled_with_the_photo(tmp_path: Path) -> None
     assert PreparedCapture.load(tmp_path / "out").views == views
 
 
-def test_a_split_in_lists_beside_the_photos_is_kept(tmp_path: Path) -> None:
-    write_photos(tmp_path / "in" / "images")
+@pytest.mark.parametrize("posed", [True, False])
+def test_a_split_in_lists_beside_the_photos_is_kept(tmp_path: Path, posed: bool) -> None:
+    write_transforms(tmp_path / "in") if posed else write_photos(tmp_path / "in" / "images")
     (tmp_path / "in" / "train.txt").write_text("\n".join(NAMES[:6]))
     (tmp_path / "in" / "test.txt").write_text(f"# held out\n{NAMES[7]}\nimages/{NAMES[8]}\n")
-    capture = run(tmp_path / "in", tmp_path / "out")
-    assert [v.name for v in capture.views if v.split == "train"] == NAMES[:6]
-    assert [v.name for v in capture.views if v.split == "test"] == [NAMES[7], NAMES[8]]
+    capture = PreparedCapture.load(run(tmp_path / "in", tmp_path / "out").folder)
+    assert [v.name for v in capture.views] == [*NAMES[:6], *NAMES[7:9]]
+    assert [v.split for v in capture.views] == ["train"] * 6 + ["test"] * 2
     assert (capture.split_is, capture.left_out) == ("given", (NAMES[6], NAMES[9]))
-    assert PreparedCapture.load(tmp_path / "out") == capture
 
 
 def test_colmap_photos_without_a_pose_stay_in_the_split(tmp_path: Path) -> None:

@@ -150,6 +150,20 @@ def test_exif_orientation_is_clear_where_the_cameras_size_tells_it(tmp_path: Pat
     np.testing.assert_array_equal(pixels(view.photo), picture(0))
 
 
+def test_a_photo_whose_camera_is_of_the_stored_pixels_is_not_turned(tmp_path: Path) -> None:
+    """As COLMAP leaves it: it does not turn the photos that a phone took on its side."""
+    folder = write_transforms(tmp_path / "in")
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    for seed, name in enumerate(NAMES):
+        Image.fromarray(picture(seed)).save(folder / "images" / name, exif=exif)
+        (folder / "masks").mkdir(exist_ok=True)
+        Image.fromarray(disc()).save(folder / "masks" / f"{name}.png")
+    view = run(folder, tmp_path / "out").views[0]
+    np.testing.assert_array_equal(pixels(view.photo), picture(0))
+    np.testing.assert_array_equal(pixels(view.mask), disc())
+
+
 def test_threads_change_no_byte_and_keep_the_order_of_problems(tmp_path: Path) -> None:
     folder = write_photos(tmp_path / "photos")
     for threads in (1, 3):

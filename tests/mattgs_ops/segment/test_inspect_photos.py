@@ -1,5 +1,6 @@
 """What a quick look at photos finds: blur, exposure, photos that hang together."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -169,3 +170,14 @@ def test_what_stands_still_around_an_object_places_no_photo(tmp_path: Path) -> N
     found = inspect(source)
     assert found.stands_still
     assert found.placed == 1
+
+
+def test_photos_that_came_without_a_camera_are_named(tmp_path: Path) -> None:
+    source = capture(tmp_path, posed=True)
+    views = (replace(source.views[0], camera=None), *source.views[1:])
+    found = inspect(replace(source, views=views))
+    assert (found.placed, len(found.matches)) == (5, 0)
+    assert "1 came without a camera: 0.jpg" in found.problems
+    anew = inspect(replace(source, views=views), estimate=True)
+    assert anew.placed == 6
+    assert anew.matches

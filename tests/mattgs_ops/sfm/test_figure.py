@@ -1,5 +1,6 @@
 """Specification of the picture of structure-from-motion with and without masks."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -71,6 +72,15 @@ def test_the_picture_is_drawn_the_same_each_time(scene: Scene, tmp_path: Path) -
     assert picture.shape[1] > 4 * picture.shape[0]  # five panels in a row
     figure.draw(scene, tmp_path / "c.png", view="0.jpg")
     assert (tmp_path / "c.png").read_bytes() != (tmp_path / "a.png").read_bytes()
+
+
+def test_a_name_with_dollars_is_no_formula(scene: Scene, tmp_path: Path) -> None:
+    named = replace(scene, views=tuple(replace(v, name=f"a$_${v.name}") for v in scene.views))
+    with np.load(scene.folder / "keypoints.npz") as arrays:
+        found = dict(arrays) | {"names": np.array([view.name for view in named.views])}
+    np.savez(scene.folder / "keypoints.npz", **found)
+    figure.draw(named, tmp_path / "a.png")
+    assert (tmp_path / "a.png").is_file()
 
 
 def test_a_view_that_is_not_there_is_refused(scene: Scene, tmp_path: Path) -> None:

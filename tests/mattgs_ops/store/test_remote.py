@@ -280,6 +280,9 @@ def test_a_manifest_of_another_shape_is_refused(tmp_path: Path, url: str, files:
 def test_a_place_that_cannot_be_used_is_refused_before_any_work(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="--store nothing://x"):
         RemoteStore("nothing://x")
+    for nowhere in ("", "/"):  # such as a variable that is not set
+        with pytest.raises(InputError, match=f"--store '{nowhere}': expected a URL"):
+            RemoteStore(nowhere)
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be written"):
         RemoteStore(f"file://{tmp_path}/file/store").check()

@@ -1,12 +1,14 @@
 """What another program is given: what the built-in methods see, and nothing of a test view."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image
+from plyfile import PlyData
 
 from mattgs_ops.capture.camera import Camera, Intrinsics, from_opengl
 from mattgs_ops.capture.formats.colmap_model import read_model
@@ -107,6 +109,30 @@ def test_nerfstudios_file_is_read_back_as_it_was(tiny_scene: Scene, tmp_path: Pa
     read_nerfstudio(folder)  # as it would be by whoever is given it
     points = read_points(folder / document["ply_file_path"])
     np.testing.assert_allclose(points.xyz, tiny_scene.points().xyz, atol=1e-6)
+
+
+def test_what_frames_do_not_share_stands_nowhere_but_in_them(
+    tiny_scene: Scene, tmp_path: Path
+) -> None:
+    """In nerfstudio a focal length at the top is that of every frame."""
+    view = tiny_scene.registered("train")[2]
+    assert view.camera is not None
+    lens = replace(view.camera.intrinsics, fx=70.0)
+    other = replace(view, camera=replace(view.camera, intrinsics=lens))
+    views = tuple(other if one.name == view.name else one for one in tiny_scene.views)
+    folder = written(replace(tiny_scene, views=views), tmp_path / "data", "nerfstudio")
+    document = json.loads((folder / "transforms.json").read_text())
+    assert "fl_x" not in document
+    assert document["fl_y"] == document["frames"][0]["fl_y"]
+    assert len({frame["fl_x"] for frame in document["frames"]}) == 2
+
+
+def test_the_release_finds_normals_beside_nerfs_files(tiny_scene: Scene, tmp_path: Path) -> None:
+    folder = written(tiny_scene, tmp_path / "data", "nerf")
+    vertex = PlyData.read(str(folder / "points3d.ply"))["vertex"]
+    names = [one.name for one in vertex.properties]
+    assert names == ["x", "y", "z", "nx", "ny", "nz", "red", "green", "blue"]
+    assert read_points(folder / "points3d.ply").xyz.shape == tiny_scene.points().xyz.shape
 
 
 def test_nerfs_files_name_the_photos_and_their_one_angle(tiny_scene: Scene, tmp_path: Path) -> None:

@@ -46,6 +46,18 @@ def test_two_files_of_one_name_are_both_part_of_what_it_is(tmp_path: Path) -> No
     assert found[0] != found[1] != found[2]
 
 
+@pytest.mark.parametrize("command", [("./peer.sh", "{data}"), ("sh", "peer.sh")])
+def test_a_path_that_leads_nowhere_from_the_folder_it_runs_in_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: tuple[str, ...]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "peer.sh").write_text("#!/bin/sh\n")
+    (tmp_path / "peer.sh").chmod(0o755)
+    with pytest.raises(StageError, match=r"trainer peer: peer\.sh is found from this folder alone"):
+        identify("peer", TrainerConfig(command=command))
+    identify("peer", TrainerConfig(command=(str(tmp_path / "peer.sh"),)))
+
+
 def test_its_environment_is_filled_in() -> None:
     trainer = TrainerConfig(command=("peer",), environment={"OMP_NUM_THREADS": "{threads}"})
     assert environment_of(trainer, {"threads": 3})["OMP_NUM_THREADS"] == "3"
@@ -67,6 +79,10 @@ PEER = TrainerConfig(command=("peer",))
         ("loss=0.012| step: 1,000 of many", 1000),
         ("took 3 s", None),
         ("Step 5000", 1000),
+        ("2024/05/01 12:00:00 step 10", 10),
+        ("step 10 loss 1/2", 10),
+        ("Epoch 1/3 iter 10/1000", 10),
+        ("Iteration 10 | views 3/8", 10),
     ],
 )
 def test_a_step_is_found_in_a_line(line: str, step: int | None) -> None:

@@ -9,11 +9,12 @@ import pytest
 
 from mattgs_ops.capture.scene import Scene, SparsePoints, View
 from reports.figures import mask_sheets
+from reports.figures.plots import style
 
 
 def scene(folder: Path, agreement: dict[str, Any]) -> Scene:
     views = []
-    for name in ("a.jpg", "b.jpg"):
+    for name in ("a.jpg", "b$_$.jpg"):  # no formula
         pictures = {"photos": np.full((30, 40, 3), 90), "masks": np.eye(30, 40) * 255}
         for kind, picture in pictures.items():
             (folder / kind).mkdir(parents=True, exist_ok=True)
@@ -46,7 +47,8 @@ def test_the_caption_says_whose_masks_they_are(
 ) -> None:
     scene(tmp_path / "scene", agreement)
     row = {"capture": "rover", "artifacts": {"scene": "scene"}}
-    drawn = mask_sheets.sheet([row], "rover", tmp_path, tmp_path / "out")
+    with style():
+        drawn = mask_sheets.sheet([row], "rover", tmp_path, tmp_path / "out")
     assert drawn is not None
     assert says in drawn.caption
     assert drawn.png.is_file()

@@ -80,7 +80,8 @@ def test_id_maps_of_a_rendered_capture_count(tmp_path: Path) -> None:
 def test_files_of_any_name_are_digested_and_unreadable_ones_are_told(tmp_path: Path) -> None:
     nested(tmp_path / "a")
     before = digest(tmp_path / "a")
-    os.close(os.open(os.fsencode(tmp_path / "a") + b"/notes\xe9.txt", os.O_CREAT))
+    (tmp_path / "a" / "masks").mkdir()
+    os.close(os.open(os.fsencode(tmp_path / "a") + b"/masks/notes\xe9.txt", os.O_CREAT))
     assert digest(tmp_path / "a") != before
     (tmp_path / "a" / "images" / "left" / "0.png").unlink()
     (tmp_path / "a" / "images" / "left" / "0.png").symlink_to("/proc/self/mem")  # an I/O error
@@ -98,3 +99,15 @@ def test_a_video_goes_by_its_bytes(tmp_path: Path) -> None:
 def test_a_capture_that_is_not_there_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="nowhere: expected a folder of photos"):
         digest(tmp_path / "nowhere")
+
+
+def test_what_systems_and_tools_leave_beside_photos_does_not_count(tmp_path: Path) -> None:
+    nested(tmp_path / "a")
+    (tmp_path / "a" / "masks" / "left").mkdir(parents=True)
+    shutil.copytree(tmp_path / "a" / "masks", tmp_path / "own")
+    before = digest(tmp_path / "a", masks=tmp_path / "own")
+    for folder in ("a", "a/images", "a/masks", "a/masks/left", "own", "own/left"):
+        for name in (".DS_Store", "Thumbs.db"):
+            (tmp_path / folder / name).write_bytes(b"x")
+    (tmp_path / "a" / "database.db").write_bytes(b"COLMAP's, written anew when it is opened")
+    assert digest(tmp_path / "a", masks=tmp_path / "own") == before

@@ -23,6 +23,7 @@ from mattgs_ops.config import TrainConfig
 from mattgs_ops.method import McmcConfig
 from mattgs_ops.splat.gaussians import Splats
 from mattgs_ops.splat.rasterize import Rendering, SplatStatistics
+from mattgs_ops.splat.torch_threads import torch_threads
 from mattgs_ops.splat.training.checkpoint import TrainingState
 from mattgs_ops.splat.training.densify import Record, logit, rotation_matrices
 from mattgs_ops.splat.training.optimise import FIELDS, Adam, concatenate, select
@@ -128,13 +129,14 @@ def shake(splats: Splats, strength: float, rng: np.random.Generator) -> None:
     moved = torch.nonzero(splats.opacity_logits < logit(NO_NOISE))[:, 0]
     if len(moved) == 0 or strength == 0:
         return
-    opacity = splats.opacity_logits[moved].sigmoid()
-    factor = strength * torch.sigmoid(NOISE_STEEPNESS * (NOISE_OPACITY - opacity))
     noise = torch.from_numpy(rng.standard_normal((len(moved), 3), dtype=np.float32))
-    axes = rotation_matrices(splats.quaternions[moved])  # columns are the splat's axes
-    along = (axes.transpose(1, 2) @ noise[:, :, None])[:, :, 0]
-    along = along * (2 * splats.log_scales[moved]).exp() * factor[:, None]
-    splats.means[moved] += (axes @ along[:, :, None])[:, :, 0]
+    with torch_threads(1):  # more would round some of the exponentials otherwise
+        opacity = splats.opacity_logits[moved].sigmoid()
+        factor = strength * torch.sigmoid(NOISE_STEEPNESS * (NOISE_OPACITY - opacity))
+        axes = rotation_matrices(splats.quaternions[moved])  # columns are the splat's axes
+        along = (axes.transpose(1, 2) @ noise[:, :, None])[:, :, 0]
+        along = along * (2 * splats.log_scales[moved]).exp() * factor[:, None]
+        splats.means[moved] += (axes @ along[:, :, None])[:, :, 0]
 
 
 def _drawn(logits: Tensor, count: int, rng: np.random.Generator) -> Tensor:

@@ -142,3 +142,19 @@ def test_an_image_without_its_camera_is_named(model: SparseModel, tmp_path: Path
     (tmp_path / "cameras.bin").write_bytes(bytes(data))
     with pytest.raises(InputError, match="refers to camera 4, which is not there"):
         read_model(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("between", "end"),
+    [("", "\n"), ("\n", "\n"), ("\n# another block\n", "\n"), ("", "\r\n"), ("", "\r\r\n")],
+    ids=["plain", "blank", "comment", "windows", "twice"],
+)
+def test_blank_lines_and_line_ends_lose_no_image(tmp_path: Path, between: str, end: str) -> None:
+    """As COLMAP, which reads four images of each of these."""
+    (tmp_path / "cameras.txt").write_text("1 SIMPLE_PINHOLE 48 36 50 24 18\n")
+    rows = [f"{i} 1 0 0 0 0 0 {i} 1 IMG\u2028{i}.jpg\n1.5 2.5 -1\n" for i in range(1, 5)]
+    text = between.join(rows).replace("\n", end)
+    (tmp_path / "images.txt").write_bytes(text.encode())
+    images = read_model(tmp_path, with_points=False).images
+    assert [image.name for image in images.values()] == [f"IMG\u2028{i}.jpg" for i in range(1, 5)]
+    assert all(len(image.xy) == 1 for image in images.values())

@@ -245,3 +245,37 @@ def test_names_that_lead_out_of_the_capture_are_refused(
     data = transforms(**{key: name}) if key == "ply_file_path" else broken_frame(**{key: name})
     with pytest.raises(InputError, match="leads out of"):
         read_nerfstudio(write_transforms(tmp_path / "capture", data))
+
+
+def without_focal(**changes: Any) -> dict[str, Any]:
+    return {k: v for k, v in transforms(**changes).items() if k not in ("fl_x", "fl_y")}
+
+
+def test_each_direction_has_its_field_of_view(tmp_path: Path) -> None:
+    data = without_focal(camera_angle_x=2 * np.arctan(0.5), camera_angle_y=2 * np.arctan(0.25))
+    i = read_nerfstudio(write_transforms(tmp_path, data)).photos[0].lens.intrinsics
+    assert (i.fx, i.fy) == pytest.approx((640, 960))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"camera_angle_x": 0}, "`camera_angle_x`: expected radians from 0 to 3.1, found 0"),
+        ({"camera_angle_x": 3.1415}, "`camera_angle_x`: expected radians"),
+        ({"camera_angle_x": 1.0, "camera_angle_y": -1}, "`camera_angle_y`: expected radians"),
+        ({"camera_angle_x": 1.0, "w": float("inf")}, "intrinsics must be numbers"),
+        ({"camera_angle_x": 10**400}, "intrinsics must be numbers"),
+    ],
+)
+def test_numbers_that_make_no_lens_are_refused(
+    tmp_path: Path, changes: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        read_nerfstudio(write_transforms(tmp_path, without_focal(**changes)))
+
+
+def test_paths_as_windows_writes_them_are_found(tmp_path: Path) -> None:
+    found = read_nerfstudio(write_transforms(tmp_path, broken_frame(file_path="images\\b.jpg")))
+    assert found.photos[1].photo == tmp_path / "images" / "b.jpg"
+    with pytest.raises(InputError, match="leads out of"):
+        read_nerfstudio(write_transforms(tmp_path, broken_frame(file_path="..\\..\\b.jpg")))

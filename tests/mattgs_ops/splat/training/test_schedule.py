@@ -52,11 +52,27 @@ def test_half_the_steps_halve_the_schedule() -> None:
 def test_without_scaling_a_shorter_run_just_ends_earlier() -> None:
     long = Schedule.of(TrainConfig(), 30_000, EXTENT)
     short = Schedule.of(TrainConfig(scale_schedule=False), 4000, EXTENT)
-    for step in range(1, 4001):
+    for step in range(1, 4000):
         assert short.position_rate(step) == pytest.approx(long.position_rate(step))
         assert short.densifies(step) == long.densifies(step)
         assert short.resets(step) == long.resets(step)
         assert short.degree(step) == long.degree(step)
+
+
+@pytest.mark.parametrize("iterations", [700, 3000, 6000, 14_900])
+def test_the_last_step_neither_splits_nor_resets_what_is_saved_then(iterations: int) -> None:
+    schedule = Schedule.of(TrainConfig(scale_schedule=False), iterations, EXTENT)
+    assert not schedule.densifies(iterations)
+    assert not schedule.resets(iterations)
+    assert schedule.densifies(iterations - 100)
+    scaled = Schedule.of(TrainConfig(densify_until=40_000), iterations, EXTENT)
+    assert not scaled.densifies(iterations)
+    mcmc = Schedule.of(TrainConfig(scale_schedule=False), iterations, EXTENT, mcmc=True)
+    assert not mcmc.densifies(iterations)
+
+
+def test_resets_stay_where_densification_would_last_longer_than_the_run() -> None:
+    assert Schedule.of(TrainConfig(densify_until=40_000), 30_000, EXTENT).reset_every == 3000
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,7 @@ from unittest import mock
 import psutil
 
 from benchmarks import tiny
+from flows.cli.arguments import EXIT_FAILED
 from flows.grid import cells
 from flows.services import embedded
 from mattgs_ops.config import BenchmarkConfig
@@ -46,7 +47,7 @@ def main() -> None:
     embedded.quieten(out)
     config = load_toml(tiny.write(folder))
     began = time.monotonic()
-    with embedded.Starting(out, config.run) as starting:
+    with embedded.Starting(out, config.run, EXIT_FAILED) as starting:
         services = starting.ready()
         print(f"Start-up of the embedded services: {time.monotonic() - began:.1f} s", flush=True)
         _flow(config, out, services)  # the one real experiment; imports everything too

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from flows import run_record
+from flows.services import embedded
 from mattgs_ops.errors import InputError
 from mattgs_ops.naming import checked_name
 from reports.gate import baseline, output, pictures
@@ -37,6 +38,7 @@ def judge(
     Raises :class:`InputError` naming the file that cannot be used.
     """
     checked_name(benchmark, "the benchmark's name")
+    embedded.quieten(out)
     wrong = run_record.problem(out / "benchmarks" / benchmark, run)
     if wrong:
         return f"Gate: failed runs. {benchmark}: {wrong}", Exit.FAILED_RUNS
@@ -62,13 +64,18 @@ def _remember(out: Path, against: str, report: GateReport, rows: Sequence[Row]) 
 
     Only where there is a registry: rows may come from elsewhere.
     """
-    from flows.services import embedded
     from tasks.registry.content import history
 
-    uri = embedded.tracking_uri(out)
-    verdicts, file = verdicts_by_run(report, rows), uri.removeprefix("sqlite:///")
-    if verdicts and (file == uri or Path(file).is_file()):
+    uri, verdicts = _registry(out), verdicts_by_run(report, rows)
+    if verdicts and uri is not None:
         history.record_verdicts(uri, Path(against).stem, verdicts)
+
+
+def _registry(out: Path) -> str | None:
+    """Return the registry's address; None where it is a file that is not there, and stays so."""
+    uri = embedded.tracking_uri(out)
+    file = uri.removeprefix("sqlite:///")
+    return uri if file == uri or Path(file).is_file() else None
 
 
 def find_baseline(out: Path, benchmark: str, against: str) -> Baseline:
@@ -79,10 +86,10 @@ def find_baseline(out: Path, benchmark: str, against: str) -> Baseline:
     """
     if Path(against).suffix or Path(against).is_file() or baseline.committed(against):
         return baseline.load(against)
-    from flows.services.embedded import tracking_uri
     from tasks.registry import promotion
 
-    rows = promotion.aliased_rows(tracking_uri(out), benchmark, against)
+    uri = _registry(out)
+    rows = [] if uri is None else promotion.aliased_rows(uri, benchmark, against)
     if not rows:
         raise InputError(
             f"{against}: expected a baseline's file, the name of a committed one, or an alias that "

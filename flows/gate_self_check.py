@@ -22,7 +22,7 @@ def check(config: Path | None, out: Path, comparisons: int) -> tuple[str, int]:
     runs = []
     for name in RUNS:
         place = out / FOLDER / name  # a store of its own: a stage found there would be no new run
-        if not run_benchmark(settings, place):
+        if not run_benchmark(settings, place, died=Exit.FAILED_RUNS):
             return f"Self-check: experiments failed; see {place}", Exit.FAILED_RUNS
         runs.append(recorded(place, settings.name))
     outcome = self_check.self_check(runs, comparisons=comparisons)

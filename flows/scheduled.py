@@ -23,6 +23,7 @@ from prefect.artifacts import (
 from prefect.deployments.runner import RunnerDeployment
 from prefect.logging import get_run_logger
 from prefect.runtime import flow_run
+from prefect.schedules import Cron
 
 from flows.forms import GateForm, GridForm, JudgeForm, NightlyForm, SegmenterForm
 from flows.prefect_ui.notifications import parameters_hook
@@ -156,13 +157,20 @@ def _progress_bar(key: str) -> Progress:
 
 @dataclass(frozen=True)
 class Deployment:
-    """A flow, when it runs (cron, UTC; None: on request), and what its form is filled with."""
+    """A flow, when it runs (cron; None: on request), and what its form is filled with.
+
+    Its schedule is in UTC unless ``timezone`` names another, and rests unless ``active``; a paused
+    deployment rests as a whole.
+    """
 
     flow: Flow[..., None]
     name: str
     cron: str | None
     description: str
     settings: Frozen
+    timezone: str | None = None
+    active: bool = True
+    paused: bool = False
 
     def __str__(self) -> str:
         return f"{self.flow.name}/{self.name}"
@@ -244,7 +252,8 @@ def runner_deployments(
         RunnerDeployment.from_flow(
             one.flow,
             one.name,
-            cron=one.cron,
+            schedules=[Cron(one.cron, one.timezone, active=one.active)] if one.cron else None,
+            paused=one.paused,
             parameters=one.parameters(out=out),
             description=one.description,
         )

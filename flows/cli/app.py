@@ -12,12 +12,12 @@ from typing import Annotated
 import typer
 
 from flows.cli import gate, operate, results
-from flows.cli.arguments import DEFAULT_OUT, NamedPhotos, Out, Photos, one_folder
+from flows.cli.arguments import DEFAULT_OUT, EXIT_FAILED, NamedPhotos, Out, Photos, one_folder
 from flows.cli.making import captures, segment
 from mattgs_ops.errors import InputError, MattgsError
 
 AGAIN_SECONDS = 0.05  # after which a Ctrl-C that was dropped comes again
-EXIT_FAILED, EXIT_INPUT, EXIT_EXPERIMENTS = 1, 2, 3
+EXIT_INPUT, EXIT_EXPERIMENTS = 2, 3
 EXIT_INTERRUPTED, EXIT_TERMINATED = 128 + signal.SIGINT, 128 + signal.SIGTERM  # as shells say it
 
 app = typer.Typer(

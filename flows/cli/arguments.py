@@ -8,6 +8,7 @@ import typer
 from mattgs_ops.errors import InputError
 
 DEFAULT_OUT = Path("mattgs-out")
+EXIT_FAILED = 1  # a service or the disk failed
 Out = Annotated[Path, typer.Option("--out", help="Folder for everything that is produced.")]
 Photos = Annotated[
     Path | None, typer.Argument(help="A folder of photos of one object, from all sides.")

@@ -1,12 +1,13 @@
 """``mattgs gate`` and ``mattgs baseline``. Registered by ``cli.py``; light at the top like it."""
 
 import traceback
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from flows.cli.arguments import DEFAULT_OUT, Out
+from flows.cli.arguments import DEFAULT_OUT, EXIT_FAILED, Out
 from mattgs_ops.errors import InputError, StageError
 from reports.gate.tolerances import Doubt
 
@@ -74,39 +75,37 @@ def gate(
     if self_check:
         if against is not None or benchmark is not None:
             raise InputError("--self-check: goes with --config only; it compares runs of its own")
-        from flows.gate_self_check import check
-
-        text, code = check(config, out.resolve(), comparisons)
     elif against is None:
         raise InputError("--baseline: expected a file, a name or an alias (or --self-check)")
-    else:
-        text, code = _judged(against, benchmark, config, out, run, doubt=doubt, must_see=must_see)
+
+    def judged() -> tuple[str, int]:
+        from flows.gate import judge
+        from flows.gate_self_check import check
+        from reports.gate.findings import Exit
+
+        if against is None:
+            return check(config, out.resolve(), comparisons)
+        name = _named(benchmark, config, out, died=Exit.FAILED_RUNS)
+        return judge(out.resolve(), name, against, doubt=doubt, must_see=must_see, run=run)
+
+    text, code = _whatever_comes(judged)
     typer.echo(text)
     raise typer.Exit(code)
 
 
-def _judged(
-    against: str,
-    benchmark: str | None,
-    config: Path | None,
-    out: Path,
-    run: str | None,
-    *,
-    doubt: Doubt,
-    must_see: bool,
-) -> tuple[str, int]:
-    """Run the benchmark if requested, and judge it; after an error nothing was judged."""
-    from flows import gate as judge
+def _whatever_comes(judged: Callable[[], tuple[str, int]]) -> tuple[str, int]:
+    """Return what was judged; after an error nothing was, which is never a regression."""
     from reports.gate.findings import Exit
 
     try:
-        name = _named(benchmark, config, out)
-        return judge.judge(out.resolve(), name, against, doubt=doubt, must_see=must_see, run=run)
+        return judged()
     except InputError:
         raise
     except (StageError, OSError) as error:
         return f"mattgs: {error}", Exit.CANNOT_JUDGE
-    except Exception:  # Python would end with 1, which is the code of a regression
+    except Exception as error:  # Python would end with 1, which is the code of a regression
+        if type(error).__module__.startswith("mlflow."):  # a server that does not answer
+            return f"mattgs: MLflow: {str(error).splitlines()[0]}", Exit.CANNOT_JUDGE
         return f"mattgs: the gate itself broke\n{traceback.format_exc()}", Exit.CANNOT_JUDGE
 
 
@@ -134,8 +133,13 @@ def baseline(
     typer.echo(f"Baseline: {made.resolve()}")
 
 
-def _named(benchmark: str | None, config: Path | None, out: Path) -> str:
-    """Return the benchmark to look at; with ``config`` it is run before."""
+def _named(
+    benchmark: str | None, config: Path | None, out: Path, *, died: int = EXIT_FAILED
+) -> str:
+    """Return the benchmark to look at; with ``config`` it is run before.
+
+    ``died`` is what to exit with where a service ends meanwhile.
+    """
     if config is None:
         return benchmark or DEFAULT_BENCHMARK
     if benchmark is not None:
@@ -144,5 +148,6 @@ def _named(benchmark: str | None, config: Path | None, out: Path) -> str:
     from mattgs_ops.config_file import load_toml
 
     settings = load_toml(config)
-    run_benchmark(settings, out.resolve())  # failed experiments are rows, and judged as such
+    # failed experiments are rows, and judged as such
+    run_benchmark(settings, out.resolve(), died=died)
     return settings.name

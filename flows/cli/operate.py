@@ -66,7 +66,12 @@ def serve(
     schedules: Annotated[
         list[str] | None, typer.Argument(help="For example nightly/quick; by default all.")
     ] = None,
-    port: Annotated[int, typer.Option(help="Port of the Prefect server on this machine.")] = 4200,
+    port: Annotated[
+        int,
+        typer.Option(
+            min=1, max=65534, help="Port of the Prefect server on this machine; reports: the next."
+        ),
+    ] = 4200,
     out: Out = DEFAULT_OUT,
 ) -> None:
     """Run what is scheduled when it is due, until Ctrl-C: this folder's prefect.yaml.

@@ -85,7 +85,7 @@ def history(
 
 def ui(
     out: Out = DEFAULT_OUT,
-    port: Annotated[int, typer.Option(help="Port on this machine.")] = 5000,
+    port: Annotated[int, typer.Option(min=1, max=65535, help="Port on this machine.")] = 5000,
     browser: Annotated[bool, typer.Option(help="Open the browser on a server.")] = True,
 ) -> None:
     """Look at all runs in MLflow's web interface.
@@ -134,7 +134,9 @@ def export(
 
 def view(
     run: RunOrPly,
-    port: Annotated[int, typer.Option(help="Port on this machine; 0 takes a free one.")] = 8080,
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Port on this machine; 0 takes a free one.")
+    ] = 8080,
     browser: Annotated[bool, typer.Option(help="Open the browser.")] = True,
     out: Out = DEFAULT_OUT,
 ) -> None:

@@ -10,6 +10,7 @@ from rich.console import Console
 
 from flows import run_record
 from flows.cli import terminal
+from flows.cli.arguments import EXIT_FAILED
 from flows.grid import stages
 from flows.services import dask_cluster, embedded
 from flows.services.background import Background
@@ -27,20 +28,26 @@ from tasks.stages.stage import Place, own_version
 
 
 def run_benchmark(
-    config: BenchmarkConfig, out: Path, *, run: str | None = None, remeasure: bool = False
+    config: BenchmarkConfig,
+    out: Path,
+    *,
+    run: str | None = None,
+    remeasure: bool = False,
+    died: int = EXIT_FAILED,
 ) -> bool:
     """Run a benchmark and print its tables; return whether every experiment finished.
 
     ``run`` is what its record is to call it; with ``remeasure`` speed is measured anew where it is
-    known. Captures are prepared before any other stage runs, while services start. Raises
-    :class:`InputError` that lists all that is wrong with them when none of them can be used.
+    known. Should our own Prefect server end meanwhile, the process exits with ``died``. Captures
+    are prepared before any other stage runs, while services start. Raises :class:`InputError` that
+    lists all that is wrong with them when none of them can be used.
     """
     mark_output(out)
     folder = out / "benchmarks" / config.name
     record = run_record.begin(folder, run, remeasure=remeasure)
     kept = config.run.model_copy(update={"sitting": record.sitting})
     try:
-        complete = _run(config.model_copy(update={"run": kept}), out)
+        complete = _run(config.model_copy(update={"run": kept}), out, died)
     except BaseException as error:  # Ctrl-C too: its rows are not there
         run_record.end(folder, record, str(error) or type(error).__name__)
         raise
@@ -48,7 +55,7 @@ def run_benchmark(
     return complete
 
 
-def _run(config: BenchmarkConfig, out: Path) -> bool:
+def _run(config: BenchmarkConfig, out: Path, died: int) -> bool:
     """Start what is needed, run the flow, print its tables."""
     began = time.monotonic()
     console = Console(soft_wrap=True)
@@ -58,7 +65,7 @@ def _run(config: BenchmarkConfig, out: Path) -> bool:
     if config.run.store is not None:
         RemoteStore(config.run.store).check()
     count = _plan(place, config)
-    with in_use(Store(place.store)), embedded.Starting(out, config.run) as starting:
+    with in_use(Store(place.store)), embedded.Starting(out, config.run, died) as starting:
         with terminal.watch(place.status, count, console, dask_cluster.worker_count(config.run)):
             with Background(_import_flow) as flow:  # while preparation waits for its processes
                 _prepare_all(place, config)

@@ -70,13 +70,14 @@ def quieten(out: Path) -> None:
 class Starting:
     """The services while they start: what takes long is begun on entering.
 
-    Use as a context; everything of our own ends with it. Entering raises :class:`InputError` where
+    Use as a context; everything of our own ends with it. Should our own Prefect server end before,
+    the process exits with ``died``. Entering raises :class:`InputError` where
     the Prefect that the user named cannot be used, and :class:`StageError` where our own does not
     start.
     """
 
-    def __init__(self, out: Path, run: RunConfig) -> None:
-        self._out = out
+    def __init__(self, out: Path, run: RunConfig, died: int) -> None:
+        self._out, self._died = out, died
         self._run = run
         self._tracking = tracking_uri(out)
 
@@ -118,7 +119,7 @@ class Starting:
         self._mlflow.finish()
         if self._server is not None:
             self._server.wait()
-            self._server.follow()
+            self._server.follow(self._died)
         return Services(
             self._api,
             self._server is not None,

@@ -30,7 +30,6 @@ from mattgs_ops.whole_file import written_whole
 
 START_SECONDS = 180.0  # a fresh database takes up to 40 s on a busy machine
 POLL_SECONDS = 0.1
-EXIT_FAILED = 1
 
 
 class PrefectServer:
@@ -68,20 +67,20 @@ class PrefectServer:
         if self._fresh:
             _keep(self._database)
 
-    def follow(self) -> None:
-        """End this process, at once, should the server end before :meth:`stop`.
+    def follow(self, code: int) -> None:
+        """End this process, at once and with ``code``, should the server end before :meth:`stop`.
 
         Prefect's client would try to reach it for many minutes. Nothing is lost: the same command
         goes on from here, as after a kill.
         """
-        threading.Thread(target=self._follow, daemon=True).start()
+        threading.Thread(target=self._follow, args=(code,), daemon=True).start()
 
-    def _follow(self) -> None:
+    def _follow(self, code: int) -> None:
         self._process.wait()
         if not self._stopping:
             text = "mattgs: the Prefect server ended; the same command goes on from here; log: "
             os.write(sys.stderr.fileno(), f"{text}{self._log}\n".encode())
-            os._exit(EXIT_FAILED)
+            os._exit(code)
 
     def _wait_for(self, happened: Callable[[], bool]) -> None:
         end = time.monotonic() + START_SECONDS

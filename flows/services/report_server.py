@@ -17,6 +17,8 @@ from typing import Any
 
 from typing_extensions import override
 
+from mattgs_ops.errors import InputError
+
 VARIABLE = "MATTGS_REPORTS_URL"
 
 
@@ -30,10 +32,19 @@ def report_address(report: Path) -> str | None:
 
 @contextmanager
 def serving(benchmarks: Path, port: int = 0) -> Iterator[str]:
-    """Serve a folder until the block ends; yield its address. Port 0 takes a free one."""
+    """Serve a folder until the block ends; yield its address. Port 0 takes a free one.
+
+    Raises :class:`InputError` where the port is taken.
+    """
     benchmarks.mkdir(parents=True, exist_ok=True)
     handler = partial(_Quiet, directory=str(benchmarks))
-    with ThreadingHTTPServer(("127.0.0.1", port), handler) as server:
+    try:
+        opened = ThreadingHTTPServer(("127.0.0.1", port), handler)
+    except OSError as error:
+        raise InputError(
+            f"port {port}, of the reports, cannot be used: {error.strerror}"
+        ) from error
+    with opened as server:
         thread = threading.Thread(target=server.serve_forever, name="reports", daemon=True)
         thread.start()
         address = f"http://127.0.0.1:{server.server_address[1]}"

@@ -30,6 +30,8 @@ def serve(out: Path, port: int, names: list[str]) -> None:
     embedded.quieten(out)
     _check(names)
     url = prefect_settings.api_url()
+    if url is None:
+        _check_free(port)
     with serving(out / "benchmarks", port + 1) as reports:
         if url is not None:
             prefect_settings.check(url)
@@ -49,9 +51,8 @@ def server(out: Path, port: int) -> Iterator[str]:
     home, log = out / "prefect" / "served", out / "logs" / "prefect.log"
     for folder in (home, log.parent):
         folder.mkdir(parents=True, exist_ok=True)
+    _check_free(port)
     url = f"http://127.0.0.1:{port}/api"
-    if healthy(url):
-        raise InputError(f"--port {port}: a server is there already; PREFECT_API_URL={url} uses it")
     command = [sys.executable, "-m", "prefect", "server", "start"]
     command += ["--host", "127.0.0.1", "--port", str(port)]
     # the interface calls the API at its own address: any port, also a forwarded one
@@ -64,6 +65,12 @@ def server(out: Path, port: int) -> Iterator[str]:
     finally:
         process.terminate()
         process.wait()
+
+
+def _check_free(port: int) -> None:
+    url = f"http://127.0.0.1:{port}/api"
+    if healthy(url):
+        raise InputError(f"--port {port}: a server is there already; PREFECT_API_URL={url} uses it")
 
 
 def _wait(process: "subprocess.Popen[bytes]", url: str, log: Path) -> None:

@@ -9,7 +9,13 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from mattgs_ops.capture.source import BUNDLED_FOLDER, files_below, is_video, open_source
+from mattgs_ops.capture.source import (
+    BUNDLED_FOLDER,
+    RENDERED_FILE,
+    files_below,
+    is_video,
+    open_source,
+)
 from mattgs_ops.config import CaptureConfig
 from mattgs_ops.errors import InputError
 from mattgs_ops.store.digests import file_digest
@@ -59,7 +65,6 @@ def _files(capture: CaptureConfig) -> Iterator[tuple[str, Path]]:
         yield "video", capture.path
         return
     root = BUNDLED_FOLDER / capture.name if capture.path is None else capture.path
-    # how a bundled capture was rendered; what else lies beside a user's photos is not read
-    beside = (path for path in root.glob("*") if path.is_file() and capture.path is None)
-    for path in {*open_source(capture).files(), *beside}:
+    made = root / RENDERED_FILE  # it says how a capture was rendered; nothing else is read
+    for path in {*open_source(capture).files(), *([made] if made.is_file() else [])}:
         yield Path(os.path.relpath(path, root)).as_posix(), path

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from prefect.client.schemas.schedules import CronSchedule
 
 from flows.schedule_file import deployments
 from flows.scheduled import DEPLOYMENTS, runner_deployments
@@ -10,6 +11,7 @@ from flows.starter.write import SCHEDULE, write
 from mattgs_ops.errors import InputError
 
 GRID = "deployments: [{name: a, entrypoint: flows.scheduled.grid,"
+SET = f"{GRID} parameters: {{settings: {{}}}},"
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -39,9 +41,28 @@ def test_the_projects_own_file_lists_the_projects_own_deployments(tmp_path: Path
         ("deployments: [{name: a, entrypoint: 'mine.py:flow'}]", "a: `entrypoint`: expected one"),
         (f"{GRID} parameters: {{settings: {{iterations: many}}}}}}]", "a: `parameters`"),
         (
-            f"{GRID} parameters: {{settings: {{}}}}, schedules: [{{interval: 60}}]}}]",
+            f"{SET} schedules: [{{interval: 60}}]}}]",
             "a: `schedules`: expected one with `cron`",
         ),
+        (f"{SET} schedule: {{cron: 0 1 * * *}}}}]", "a: `schedule`: expected a list, `schedules`"),
+        (
+            f"{SET} schedules: [{{cron: 0 1 * * *, parameters: {{}}}}]}}]",
+            "and perhaps `timezone` and `active`, found cron, parameters",
+        ),
+        (
+            f"{SET} schedules: [{{cron: 99 1 * * *}}]}}]",
+            r"a: `schedules`: '99 1 \* \* \*', None: ",
+        ),
+        (
+            f"{SET} schedules: [{{cron: 0 1 * * *, timezone: Mars}}]}}]",
+            r"a: `schedules`: '0 1 \* \* \*', 'Mars': .*timezone",
+        ),
+        (f"{SET} paused: sometimes}}]", "a: `paused`: expected true or false, found 'sometimes'"),
+        (
+            f"{SET.replace('name: a', 'name: 2024-05-01')}}}]",
+            "`name`: expected one in quotes, found datetime.date",
+        ),
+        (f"{SET.replace('name: a, ', '')}}}]", "`name`: expected one in quotes"),
     ],
 )
 def test_mistakes_are_named(text: str, message: str, tmp_path: Path) -> None:
@@ -49,3 +70,24 @@ def test_mistakes_are_named(text: str, message: str, tmp_path: Path) -> None:
     file.write_text(text)
     with pytest.raises(InputError, match=message):
         deployments(file)
+
+
+def test_a_schedule_has_its_time_zone_and_rests_where_it_says_so(tmp_path: Path) -> None:
+    file = tmp_path / "prefect.yaml"
+    zone = "timezone: Europe/Berlin, active: false"
+    file.write_text(f"{SET} paused: true, schedules: [{{cron: 0 1 * * *, {zone}}}]}}]")
+    (served,) = runner_deployments(frozenset(), tmp_path, deployments(file))
+    assert served.paused
+    assert served.schedules is not None
+    (one,) = served.schedules
+    assert not one.active
+    assert isinstance(one.schedule, CronSchedule)
+    assert (one.schedule.cron, one.schedule.timezone) == ("0 1 * * *", "Europe/Berlin")
+
+
+@pytest.mark.parametrize("name", ["2024-05-01", "2024", "010", "no", "on", "null", "1e3"])
+def test_a_folder_whose_name_is_no_word_to_yaml_keeps_it(tmp_path: Path, name: str) -> None:
+    write(tmp_path, name=name)
+    (one,) = deployments(tmp_path / SCHEDULE)
+    assert str(one) == f"nightly/{name}"
+    assert one.parameters()["settings"]["name"] == name

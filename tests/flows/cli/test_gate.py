@@ -1,6 +1,7 @@
 """``mattgs gate`` and ``mattgs baseline``: what they say, write and exit with."""
 
 import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -96,7 +97,8 @@ def test_a_configuration_is_run_before_it_is_judged(
 ) -> None:
     seen: list[BenchmarkConfig] = []
 
-    def run_benchmark(config: BenchmarkConfig, out: Path) -> bool:
+    def run_benchmark(config: BenchmarkConfig, out: Path, *, died: int) -> bool:
+        assert died == 3, "failed runs: a service that ends is no regression"
         seen.append(config)
         write(rows, out)
         return True
@@ -110,13 +112,49 @@ def test_a_configuration_is_run_before_it_is_judged(
 def test_a_benchmark_that_cannot_run_is_no_regression(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def run_benchmark(config: BenchmarkConfig, out: Path) -> bool:
-        raise StageError(f"{config.name}: no server could be started for {out.name}")
+    def run_benchmark(config: BenchmarkConfig, out: Path, *, died: int) -> bool:
+        raise StageError(f"{config.name}: no server could be started for {out.name}, {died}")
 
     monkeypatch.setattr(running, "run_benchmark", run_benchmark)
     done = mattgs("gate", "--baseline", "quick-ci", "--config", CONFIG, "--out", tmp_path)
     assert done.exit_code == 2
     assert "no server could be started" in done.output
+
+
+def test_a_self_check_that_cannot_run_says_nothing_of_the_gate(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from flows import gate_self_check
+
+    def run_benchmark(config: BenchmarkConfig, out: Path, *, died: int) -> bool:
+        raise StageError(f"the Prefect server did not start: {config.name}, {out.name}, {died}")
+
+    monkeypatch.setattr(gate_self_check, "run_benchmark", run_benchmark)
+    done = mattgs("gate", "--self-check", "--config", CONFIG, "--out", tmp_path)
+    assert (done.exit_code, done.exception is None) == (2, False)
+    assert done.output.startswith("mattgs: the Prefect server did not start: quick-ci")
+
+
+def test_a_registry_that_does_not_answer_is_told_in_a_line(
+    rows: list[Row], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", "http://127.0.0.1:9")
+    monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")  # two, of ours, take seconds
+    write(rows, tmp_path)
+    options = "--baseline", "main", "--benchmark", "quick-ci", "--out", tmp_path
+    done = mattgs("gate", *options)
+    assert done.exit_code == 2
+    assert done.output.startswith("mattgs: MLflow: ")
+    assert "Traceback" not in done.output
+    monkeypatch.delenv("MLFLOW_TRACKING_URI")
+    assert "found none" in str(mattgs("gate", *options).exception)
+    assert not (tmp_path / "mlflow.db").exists(), "looking for an alias makes no registry"
+
+
+def test_judging_asks_a_registry_no_seven_times(rows: list[Row], tmp_path: Path) -> None:
+    assert "MLFLOW_HTTP_REQUEST_MAX_RETRIES" not in os.environ
+    judged(rows, tmp_path)
+    assert os.environ["MLFLOW_HTTP_REQUEST_MAX_RETRIES"] == "2"
 
 
 @pytest.mark.parametrize(
@@ -148,8 +186,8 @@ def test_the_self_check_runs_twice_and_tells_rates(
 
     places: list[Path] = []
 
-    def run_benchmark(config: BenchmarkConfig, out: Path) -> bool:
-        assert config.name == "quick-ci"
+    def run_benchmark(config: BenchmarkConfig, out: Path, *, died: int) -> bool:
+        assert (config.name, died) == ("quick-ci", 3)
         places.append(out)
         write(rows, out)
         return True

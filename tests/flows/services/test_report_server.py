@@ -1,6 +1,7 @@
 """Reports over HTTP: a link opens, the folder is all that is served, the address is put back."""
 
 import os
+import socket
 from pathlib import Path
 from urllib.error import HTTPError
 from urllib.request import urlopen
@@ -8,6 +9,7 @@ from urllib.request import urlopen
 import pytest
 
 from flows.services.report_server import VARIABLE, report_address, serving
+from mattgs_ops.errors import InputError
 
 
 @pytest.fixture(autouse=True)
@@ -42,3 +44,12 @@ def test_an_address_that_the_user_names_counts(
         address = report_address(tmp_path / "quick" / "report.html")
     assert address == "https://reports.lab/quick/report.html"
     assert os.environ[VARIABLE] == "https://reports.lab/"
+
+
+def test_a_port_that_is_taken_is_told(tmp_path: Path) -> None:
+    """As by a second ``mattgs serve``, whose reports are on the next port."""
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        refused = pytest.raises(InputError, match=f"port {port}, of the reports, cannot be used")
+        with refused, serving(tmp_path, port):
+            pass

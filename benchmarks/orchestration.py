@@ -44,7 +44,7 @@ def main() -> None:
     os.environ["TMPDIR"] = str(folder)
     out = folder / "out"
     out.mkdir(parents=True, exist_ok=True)
-    embedded.quieten(out)
+    embedded.enter(out)
     config = load_toml(tiny.write(folder))
     began = time.monotonic()
     with embedded.Starting(out, config.run, EXIT_FAILED) as starting:

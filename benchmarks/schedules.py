@@ -56,7 +56,7 @@ def main() -> None:
     options = parser.parse_args()
     folder = (options.folder or Path(tempfile.mkdtemp(prefix="mattgs-schedules-"))).resolve()
     tiny.write(folder)
-    embedded.quieten(folder)
+    embedded.enter(folder)
     os.environ["TMPDIR"] = str(folder)
     ways = {"pool": with_a_pool, "serve": with_serve}
     ended = [ways[w](folder / w) for w in ways if options.only in (None, w)]

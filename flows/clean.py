@@ -4,11 +4,12 @@ import time
 from pathlib import Path
 
 from flows import run_record
-from flows.services import embedded
+from flows.services import embedded, registries
 from mattgs_ops.errors import InputError
 from mattgs_ops.store.cleaning import Kind, Removal, clean
 from mattgs_ops.store.store import Store
-from tasks.registry import orphans, runs, summary
+from tasks.registry import runs, summary
+from tasks.registry.upkeep import orphans
 from tasks.row import Row
 from tasks.stages import status
 from tasks.stages.stage import Place
@@ -29,10 +30,12 @@ def clean_up(out: Path, *, unused_hours: float, dry_run: bool) -> str:
     store = Store(Place(out, "").store)
     if not store.root.is_dir():
         raise InputError(f"{store.root}: expected a store, found none; --out names the folder")
-    embedded.quieten(out)
+    embedded.enter(out)
     since = time.time() - 3600 * unused_hours
     closed = (
-        [*_close(out, dry_run=dry_run), *_purge(out, dry_run=dry_run)] if _recorded(out) else []
+        []
+        if registries.existing(out) is None
+        else [*_close(out, dry_run=dry_run), *_purge(out, dry_run=dry_run)]
     )
     removed = clean(store, referred(out), unused_since=since, dry_run=dry_run)
     return "\n".join([*closed, _summary(removed, dry_run=dry_run)])
@@ -54,21 +57,15 @@ def _purge(out: Path, *, dry_run: bool) -> list[str]:
     ]
 
 
-def _recorded(out: Path) -> bool:
-    """Whether there is a registry: asking SQLite for one would make it."""
-    tracking = embedded.tracking_uri(out)
-    local = tracking.startswith("sqlite:///")
-    return not local or Path(tracking.removeprefix("sqlite:///")).is_file()
-
-
 def referred(out: Path) -> set[str]:
     """Return the keys of all artifacts that MLflow's runs and the benchmarks' rows refer to.
 
-    And of those that the newest run of a benchmark came to, where that has not ended.
+    MLflow's are those of every registry that runs of this folder were recorded in. And of those
+    that the newest run of a benchmark came to, where that has not ended. Raises
+    :class:`InputError` where a registry is gone.
     """
     rows = [row for path in sorted(out.glob("benchmarks/*/rows.json")) for row in _read(path)]
-    if _recorded(out):
-        tracking = embedded.tracking_uri(out)
+    for tracking in registries.everyone(out):
         for experiment in runs.experiments(tracking):  # of all projects: the store is shared
             rows += runs.rows_of(tracking, experiment)
     places = [place for row in rows for place in (row.get("artifacts") or {}).values()]

@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from flows import run_record
-from flows.services import embedded
+from flows.services import embedded, registries
 from mattgs_ops.errors import InputError
 from mattgs_ops.naming import checked_name
 from reports.gate import baseline, output, pictures
@@ -38,7 +38,7 @@ def judge(
     Raises :class:`InputError` naming the file that cannot be used.
     """
     checked_name(benchmark, "the benchmark's name")
-    embedded.quieten(out)
+    embedded.enter(out)
     wrong = run_record.problem(out / "benchmarks" / benchmark, run)
     if wrong:
         return f"Gate: failed runs. {benchmark}: {wrong}", Exit.FAILED_RUNS
@@ -66,16 +66,9 @@ def _remember(out: Path, against: str, report: GateReport, rows: Sequence[Row]) 
     """
     from tasks.registry.content import history
 
-    uri, verdicts = _registry(out), verdicts_by_run(report, rows)
+    uri, verdicts = registries.existing(out), verdicts_by_run(report, rows)
     if verdicts and uri is not None:
         history.record_verdicts(uri, Path(against).stem, verdicts)
-
-
-def _registry(out: Path) -> str | None:
-    """Return the registry's address; None where it is a file that is not there, and stays so."""
-    uri = embedded.tracking_uri(out)
-    file = uri.removeprefix("sqlite:///")
-    return uri if file == uri or Path(file).is_file() else None
 
 
 def find_baseline(out: Path, benchmark: str, against: str) -> Baseline:
@@ -88,7 +81,7 @@ def find_baseline(out: Path, benchmark: str, against: str) -> Baseline:
         return baseline.load(against)
     from tasks.registry import promotion
 
-    uri = _registry(out)
+    uri = registries.existing(out)
     rows = [] if uri is None else promotion.aliased_rows(uri, benchmark, against)
     if not rows:
         raise InputError(

@@ -16,6 +16,7 @@ from mattgs_ops.segment.network.u2net import U2Net, load_weights
 from mattgs_ops.segment.outline import train as outline
 from mattgs_ops.segment.outline.train_config import OutlineTrainConfig
 from tasks.registry.segmenter_training import TrainingRun
+from tasks.registry.upkeep.moved import ARTIFACTS
 
 KEY_LETTERS = 12
 
@@ -65,7 +66,7 @@ def _followed(
 ) -> Iterator[tuple[TrainingRun, list[Path]]]:
     """Open the MLflow run of a training, and end it with the files that the caller puts down."""
     key = hashlib.sha256(identity.encode()).hexdigest()[:KEY_LETTERS]
-    run = TrainingRun(tracking_uri, out / "mlflow-artifacts", key, config.model_dump(mode="json"))
+    run = TrainingRun(tracking_uri, out / ARTIFACTS, key, config.model_dump(mode="json"))
     files: list[Path] = []
     try:
         yield run, files

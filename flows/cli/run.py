@@ -12,7 +12,7 @@ from flows import run_record
 from flows.cli import terminal
 from flows.cli.arguments import EXIT_FAILED
 from flows.grid import stages
-from flows.services import dask_cluster, embedded
+from flows.services import dask_cluster, embedded, registries
 from flows.services.background import Background
 from flows.services.embedded import Services
 from mattgs_ops.capture.photos import mark_output
@@ -60,7 +60,8 @@ def _run(config: BenchmarkConfig, out: Path, died: int) -> bool:
     began = time.monotonic()
     console = Console(soft_wrap=True)
     out.mkdir(parents=True, exist_ok=True)
-    embedded.quieten(out)
+    embedded.enter(out)
+    registries.note(out)
     place = Place(out, config.name, config.run, len(config.captures), own_version())
     if config.run.store is not None:
         RemoteStore(config.run.store).check()

@@ -18,7 +18,7 @@ def show_history(benchmark: str, out: Path) -> str:
     from reports.history import page
 
     checked_name(benchmark, "the benchmark's name")
-    embedded.quieten(out)
+    embedded.enter(out)
     runs = history.runs_of(embedded.tracking_uri(out), benchmark)
     if not runs:
         raise InputError(f"benchmark {benchmark!r} has no experiment that ended yet")

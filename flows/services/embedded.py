@@ -14,11 +14,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-from flows.services import dask_cluster, prefect_settings
+from flows.services import dask_cluster, prefect_settings, registries
 from flows.services.background import Background
 from flows.services.prefect_server import PrefectServer
 from mattgs_ops.config import RunConfig
 from tasks.registry import runs
+from tasks.registry.upkeep.moved import correct_places
 
 QUIET = {
     # on the terminal failures are printed once, by the rows; the run's log has everything
@@ -57,14 +58,16 @@ class Services:
         return "\n".join(lines)
 
 
-def quieten(out: Path) -> None:
+def enter(out: Path) -> None:
     """Set the libraries' environment; call before Prefect, Dask or MLflow are imported.
 
-    What the user has set stays as it is.
+    What the user has set stays as it is. A registry in ``out`` that was moved or copied with its
+    folder names its own files from here on.
     """
     for key, value in QUIET.items():
         os.environ.setdefault(key, value)
     prefect_settings.use_own_home(out)
+    correct_places(out)
 
 
 class Starting:
@@ -131,8 +134,7 @@ class Starting:
 
 def tracking_uri(out: Path) -> str:
     """Return where MLflow is: as the environment says, else a SQLite file below ``out``."""
-    own = f"sqlite:///{(out / 'mlflow.db').resolve()}"
-    return os.environ.get("MLFLOW_TRACKING_URI") or own
+    return registries.current(out)
 
 
 @contextmanager

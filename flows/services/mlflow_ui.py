@@ -49,7 +49,7 @@ def _serve(out: Path, port: int) -> None:
         raise InputError(
             f"{out}: no runs were recorded there; run `mattgs run` first, or --out DIR"
         )
-    embedded.quieten(out)
+    embedded.enter(out)
     os.environ["MLFLOW_SERVER_ENABLE_JOB_EXECUTION"] = "false"  # starts in half the time
     command = [sys.executable, "-m", "mlflow", "server", "--workers", "1"]
     command += ["--host", "127.0.0.1", "--port", str(port)]

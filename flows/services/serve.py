@@ -27,7 +27,7 @@ def serve(out: Path, port: int, names: list[str]) -> None:
     interface open them.
     """
     out.mkdir(parents=True, exist_ok=True)
-    embedded.quieten(out)
+    embedded.enter(out)
     _check(names)
     url = prefect_settings.api_url()
     if url is None:

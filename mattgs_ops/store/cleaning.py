@@ -54,6 +54,11 @@ def in_use(store: Store) -> Iterator[None]:
             return
 
 
+def is_in_use(store: Store) -> bool:
+    """Whether a benchmark that registered is running."""
+    return _oldest_user(store, dry_run=True) < float("inf")
+
+
 def clean(
     store: Store, kept: Collection[str], *, unused_since: float, dry_run: bool = False
 ) -> list[Removal]:

@@ -21,6 +21,7 @@ from mattgs_ops.store.store import Store
 from mattgs_ops.timing.machine_load import LOAD_FILE
 from tasks.registry import runs
 from tasks.registry.content.about import About
+from tasks.registry.upkeep.moved import ARTIFACTS
 from tasks.row import Row
 from tasks.stages.process import StageJob
 from tasks.stages.stage import Place
@@ -86,7 +87,7 @@ class _Follower(threading.Thread):
         if not curve and job.key not in self._runs:
             return
         if job.key not in self._runs:
-            place = self._place.out / "mlflow-artifacts"
+            place = self._place.out / ARTIFACTS
             opened = runs.open_benchmark(self._uri, experiment.row["benchmark"], place)
             about = replace(experiment.about, began=job.began or None)
             self._runs[job.key] = runs.begin(

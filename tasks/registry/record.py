@@ -14,9 +14,11 @@ from mattgs_ops.config import BenchmarkConfig
 from mattgs_ops.naming import slug
 from mattgs_ops.segment import sheet
 from mattgs_ops.timing.machine_load import LOAD_FILE
-from tasks.registry import interface_view, orphans, promotion, runs, summary
+from tasks.registry import interface_view, promotion, runs, summary
 from tasks.registry.content.about import About
 from tasks.registry.live_curves import CURVE_FILE, read_points
+from tasks.registry.upkeep import orphans
+from tasks.registry.upkeep.moved import ARTIFACTS
 from tasks.row import Row, scene_of
 from tasks.stages.stage import KEY_LETTERS, Artifact, Cell, Place
 
@@ -82,7 +84,7 @@ def record(
             tracking_uri,
             row["benchmark"],
             # a server that others share keeps files itself, where all can see them
-            None if tracking_uri.startswith("http") else place.out / "mlflow-artifacts",
+            None if tracking_uri.startswith("http") else place.out / ARTIFACTS,
         )
         training = artifacts["train"].key if "train" in artifacts else None
         earlier = runs.recorded(tracking_uri, experiment, row, training)
@@ -133,7 +135,7 @@ def record_summary(
     MLflow server; None where there is no server, or it failed.
     """
     try:
-        experiment = runs.open_benchmark(tracking_uri, benchmark, place.out / "mlflow-artifacts")
+        experiment = runs.open_benchmark(tracking_uri, benchmark, place.out / ARTIFACTS)
         run_id = summary.record_summary(tracking_uri, experiment, benchmark, rows, report.parent)
     except Exception as error:  # whatever MLflow, its database or its server raise
         text = "the summary of %s was not logged to MLflow: %s"

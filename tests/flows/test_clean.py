@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 
 from flows import run_record
-from flows.clean import clean_up, size
+from flows.clean import clean_up, referred, size
+from flows.services import registries
 from mattgs_ops.errors import InputError
 from mattgs_ops.store.keys import stage_key
 from mattgs_ops.store.store import Store
@@ -95,3 +96,36 @@ def test_sizes_are_written_for_people() -> None:
         "1.5 kB",
         "2.0 GB",
     ]
+
+
+def test_every_registry_of_a_folder_is_asked_whatever_is_set_now(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    elsewhere = f"sqlite:///{tmp_path / 'elsewhere.db'}"
+    kept = {}
+    for name, uri in (("own", registries.own(out)), ("elsewhere", elsewhere)):
+        kept[name] = put(out, name).removesuffix("/files")
+        runs.initialise(uri)
+        experiment = runs.open_benchmark(uri, "b", tmp_path / name)
+        runs.record(uri, experiment, row(0, f"{kept[name]}/files"), parameters={})
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", elsewhere)
+    registries.note(out)  # as `mattgs run` does
+    registries.note(out)
+    assert (out / registries.FILE).read_text() == f"{elsewhere}\n"
+    assert referred(out) == set(kept.values())
+    monkeypatch.delenv("MLFLOW_TRACKING_URI")
+    assert referred(out) == set(kept.values())
+    (tmp_path / "elsewhere.db").unlink()
+    with pytest.raises(InputError, match=r"elsewhere\.db: runs of .* and it is gone; restore it"):
+        referred(out)
+
+
+def test_a_server_is_noted_without_its_password(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", "https://me:secret@mlflow.lab/x")
+    registries.note(tmp_path)
+    assert (tmp_path / registries.FILE).read_text() == "https://mlflow.lab/x\n"
+    assert registries.everyone(tmp_path) == ["https://me:secret@mlflow.lab/x"]

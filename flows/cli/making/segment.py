@@ -36,7 +36,7 @@ def train_segmenter(
     settings = SegmentTrainConfig() if config is None else load_train_config(config)
     if start_from is not None:
         settings = settings.model_copy(update={"start_from": start_from})
-    embedded.quieten(out)
+    embedded.enter(out)
     with bar("train U²-Net") as progress:
         onnx = train(settings, folder, embedded.tracking_uri(out), out, progress=progress)
     typer.echo(f"Segmenter: {onnx.resolve()}")
@@ -102,7 +102,7 @@ def train_outline(
     from tasks.train_segmenter import train_outline as train
 
     settings = OutlineTrainConfig() if config is None else load_outline_config(config)
-    embedded.quieten(out)
+    embedded.enter(out)
     with bar("train the outline") as progress:
         onnx = train(settings, folder, embedded.tracking_uri(out), out, progress=progress)
     typer.echo(f"Outline: {onnx.resolve()}")

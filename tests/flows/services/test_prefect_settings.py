@@ -22,7 +22,7 @@ LOOK = """
 import os, sys
 from pathlib import Path
 from flows.services import embedded, prefect_settings
-embedded.quieten(Path(sys.argv[1]))
+embedded.enter(Path(sys.argv[1]))
 from prefect.settings import get_current_settings
 print(prefect_settings.api_url(), get_current_settings().home)
 """

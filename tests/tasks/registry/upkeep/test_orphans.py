@@ -10,9 +10,9 @@ import pytest
 
 from tasks.registry import runs, summary
 from tasks.registry.content import owner
-from tasks.registry.orphans import close_orphans
 from tasks.registry.run_of_row import OWNER_TAG
 from tasks.registry.segmenter_training import TrainingRun
+from tasks.registry.upkeep.orphans import close_orphans
 
 OPEN = """
 import json, sys

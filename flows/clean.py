@@ -32,12 +32,13 @@ def clean_up(out: Path, *, unused_hours: float, dry_run: bool) -> str:
         raise InputError(f"{store.root}: expected a store, found none; --out names the folder")
     embedded.enter(out)
     since = time.time() - 3600 * unused_hours
+    # first: it asks all registries, and nothing is changed unless all of them answer
+    removed = clean(store, referred(out), unused_since=since, dry_run=dry_run)
     closed = (
         []
         if registries.existing(out) is None
         else [*_close(out, dry_run=dry_run), *_purge(out, dry_run=dry_run)]
     )
-    removed = clean(store, referred(out), unused_since=since, dry_run=dry_run)
     return "\n".join([*closed, _summary(removed, dry_run=dry_run)])
 
 
@@ -62,12 +63,15 @@ def referred(out: Path) -> set[str]:
 
     MLflow's are those of every registry that runs of this folder were recorded in. And of those
     that the newest run of a benchmark came to, where that has not ended. Raises
-    :class:`InputError` where a registry is gone.
+    :class:`InputError` where a registry is gone or does not answer.
     """
     rows = [row for path in sorted(out.glob("benchmarks/*/rows.json")) for row in _read(path)]
     for tracking in registries.everyone(out):
-        for experiment in runs.experiments(tracking):  # of all projects: the store is shared
-            rows += runs.rows_of(tracking, experiment)
+        try:
+            rows += runs.all_rows(tracking)  # of all projects: the store is shared
+        except InputError as error:
+            where = out / registries.FILE
+            raise InputError(f"{error}; nothing was removed ({where} names registries)") from error
     places = [place for row in rows for place in (row.get("artifacts") or {}).values()]
     return {"/".join(Path(place).parts[:2]) for place in places} | _to_be_gone_on_with(out)
 

@@ -61,7 +61,6 @@ def _run(config: BenchmarkConfig, out: Path, died: int) -> bool:
     console = Console(soft_wrap=True)
     out.mkdir(parents=True, exist_ok=True)
     embedded.enter(out)
-    registries.note(out)
     place = Place(out, config.name, config.run, len(config.captures), own_version())
     if config.run.store is not None:
         RemoteStore(config.run.store).check()
@@ -72,6 +71,7 @@ def _run(config: BenchmarkConfig, out: Path, died: int) -> bool:
                 _prepare_all(place, config)
             flow.finish()
             services = starting.ready()
+            registries.note(out)
             console.print(str(services), markup=False, highlight=False)
             report, complete = _run_flow(config, out, services)
         _print_end(place, report, console, time.monotonic() - began)

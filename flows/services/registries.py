@@ -33,8 +33,8 @@ def existing(out: Path) -> str | None:
 
 
 def note(out: Path) -> None:
-    """Note the current registry, unless it is the folder's own."""
-    address = _without_password(current(out))
+    """Note the current registry, unless it is the folder's own; call when it has answered."""
+    address = _as_noted(current(out))
     if address != own(out) and address not in _noted(out):
         with (out / FILE).open("a", encoding="utf-8") as file:
             file.write(f"{address}\n")
@@ -46,7 +46,7 @@ def everyone(out: Path) -> list[str]:
     Raises :class:`InputError` for a noted file that is not there: what it refers to is not known.
     """
     now = current(out)
-    addresses: Mapping[str, str] = {_without_password(now): now}
+    addresses: Mapping[str, str] = {_as_noted(now): now}
     found = [one for one in (own(out), now) if _is_there(one)]
     for address in _noted(out):
         known = addresses.get(address, address)  # the environment's has its password
@@ -67,8 +67,13 @@ def _noted(out: Path) -> list[str]:
 
 def _is_there(address: str) -> bool:
     """Whether an SQLite file is there, as asking SQLite for one would make it; True of servers."""
-    return not address.startswith(SQLITE) or Path(address.removeprefix(SQLITE)).is_file()
+    file, _, _ = address.removeprefix(SQLITE).partition("?")
+    return not address.startswith(SQLITE) or Path(file).is_file()
 
 
-def _without_password(address: str) -> str:
-    return re.sub(r"//[^/@]*@", "//", address, count=1)
+def _as_noted(address: str) -> str:
+    """Return a server's address without a password, a file's for whatever working folder."""
+    if address.startswith(SQLITE):
+        return f"{SQLITE}{Path(address.removeprefix(SQLITE)).resolve()}"
+    signed_in = "//[^/@]*@" if address.startswith("http") else "//[^@]*@"  # a database's may have /
+    return re.sub(signed_in, "//", address, count=1)

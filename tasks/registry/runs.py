@@ -227,6 +227,21 @@ def rows_of(tracking_uri: str, experiment: str) -> list[Row]:
     return ended + others
 
 
+def all_rows(tracking_uri: str) -> list[Row]:
+    """Return the rows of all MLflow experiments, those of other projects included.
+
+    Raises :class:`InputError` naming the registry where it cannot be read.
+    """
+    from mlflow.exceptions import MlflowException
+    from sqlalchemy.exc import SQLAlchemyError
+
+    try:
+        return [row for name in experiments(tracking_uri) for row in rows_of(tracking_uri, name)]
+    except (MlflowException, SQLAlchemyError) as error:
+        reason = str(error).splitlines()[0]
+        raise InputError(f"MLflow at {tracking_uri} cannot be read: {reason}") from error
+
+
 def experiments(tracking_uri: str) -> list[str]:
     """Return the names of all MLflow experiments, those of other projects included."""
     found = _client(tracking_uri).search_experiments()

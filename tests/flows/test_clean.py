@@ -122,6 +122,33 @@ def test_every_registry_of_a_folder_is_asked_whatever_is_set_now(
         referred(out)
 
 
+def test_a_registry_that_does_not_answer_is_named_and_nothing_is_removed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    put(tmp_path, "recorded there")
+    monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", "http://127.0.0.1:9")
+    registries.note(tmp_path)
+    for _ in ("while it is set", "and later"):
+        with pytest.raises(InputError, match=r"MLflow at http://127\.0\.0\.1:9 cannot be read"):
+            clean_up(tmp_path, unused_hours=0, dry_run=False)
+        monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
+    assert list(tmp_path.glob("store/train/*/files"))
+
+
+def test_a_file_is_noted_for_any_working_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "me@home").mkdir()
+    (tmp_path / "me@home" / "mine.db").touch()
+    monkeypatch.chdir(tmp_path / "me@home")
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", "sqlite:///mine.db")
+    registries.note(tmp_path)
+    monkeypatch.delenv("MLFLOW_TRACKING_URI")
+    monkeypatch.chdir(tmp_path)
+    assert registries.everyone(tmp_path) == [f"sqlite:///{tmp_path / 'me@home' / 'mine.db'}"]
+
+
 def test_a_server_is_noted_without_its_password(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

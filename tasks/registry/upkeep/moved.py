@@ -8,14 +8,14 @@ import re
 import sqlite3
 from contextlib import closing, suppress
 from pathlib import Path
-from urllib.parse import quote
+from urllib.parse import quote, unquote
 
 from mattgs_ops.store.cleaning import is_in_use
 from mattgs_ops.store.store import Store
 from tasks.stages.stage import Place
 
 DATABASE, ARTIFACTS = "mlflow.db", "mlflow-artifacts"  # of an output folder
-PLACE = re.compile(rf"(file://.*/{ARTIFACTS})/[^/]+")  # of an experiment's files
+PLACE = re.compile(rf"(file://.*/{ARTIFACTS})/(.+)")  # of an experiment's files, and which
 COLUMNS = (  # of MLflow's tables, which hold such paths or what begins with one
     ("experiments", "artifact_location"),
     ("runs", "artifact_uri"),
@@ -29,7 +29,7 @@ def correct_places(out: Path) -> bool:
     """Let the registry in ``out`` name the files below ``out``; return whether it named others.
 
     Nothing is done while a benchmark runs there, perhaps in a container that calls the folder
-    otherwise, nor where the files are not there.
+    otherwise, nor where the files are not there: several folders may share a database.
     """
     database, artifacts = out / DATABASE, out / ARTIFACTS
     if not (database.is_file() and artifacts.is_dir()):
@@ -38,7 +38,7 @@ def correct_places(out: Path) -> bool:
     address = f"file:{quote(str(database.resolve()))}?mode=rw"
     # one that is locked, read-only, or none of MLflow's: MLflow says so
     with suppress(sqlite3.Error), closing(sqlite3.connect(address, uri=True)) as connection:
-        elsewhere = _places(connection) - {here}
+        elsewhere = _places(connection, artifacts) - {here}
         if elsewhere and not is_in_use(Store(Place(out, "").store)):
             with connection:
                 for old in elsewhere:
@@ -47,10 +47,11 @@ def correct_places(out: Path) -> bool:
     return False
 
 
-def _places(connection: sqlite3.Connection) -> set[str]:
-    """Return the folders in which the experiments' files are said to lie."""
+def _places(connection: sqlite3.Connection, artifacts: Path) -> set[str]:
+    """Return the folders that are said to hold files of experiments which ``artifacts`` holds."""
     rows = connection.execute("SELECT artifact_location FROM experiments").fetchall()
-    return {found[1] for (place,) in rows if (found := PLACE.fullmatch(place or ""))}
+    said = [found for (place,) in rows if (found := PLACE.fullmatch(place or ""))]
+    return {one[1] for one in said if (artifacts / unquote(one[2])).is_dir()}
 
 
 def _replace(connection: sqlite3.Connection, old: str, new: str) -> None:

@@ -43,13 +43,17 @@ def summarise(out: Path) -> None:
     summary.record_summary(uri(out), experiment, "b", [ROW], report)
 
 
-@pytest.fixture
-def original(fresh_registry: Path, tmp_path: Path) -> Path:
-    out = tmp_path / "my first out"
+def begun(registry: Path, out: Path) -> Path:
+    """Make an output folder with a copy of an empty registry, and record into it."""
     out.mkdir()
-    shutil.copy(fresh_registry, out / DATABASE)
+    shutil.copy(registry, out / DATABASE)
     summarise(out)
     return out
+
+
+@pytest.fixture
+def original(fresh_registry: Path, tmp_path: Path) -> Path:
+    return begun(fresh_registry, tmp_path / "my first out")
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -81,6 +85,28 @@ def test_a_folder_that_was_moved_works_where_it_is(original: Path, tmp_path: Pat
     summarise(moved)
     assert len(summary.report_rows(uri(moved), "b")) == 1
     assert not original.exists()
+
+
+def test_a_copy_with_a_project_names_its_own_files(
+    fresh_registry: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MATTGS_PROJECT", "anna")  # whose folder is one more level
+    out = begun(fresh_registry, tmp_path / "out")
+    copy = tmp_path / "copy"
+    shutil.copytree(out, copy)
+    assert correct_places(copy)
+    (run,) = runs.rows(uri(copy), "b")
+    assert summary.run_files(uri(copy), run["run_id"], tmp_path).is_relative_to(copy)
+
+
+def test_files_of_another_folder_that_shares_the_database_stay_where_they_are(
+    original: Path, tmp_path: Path
+) -> None:
+    other = tmp_path / "other"
+    experiment = runs.open_benchmark(uri(original), "of-other", other / ARTIFACTS)
+    runs.record(uri(original), experiment, ROW | {"benchmark": "of-other"}, parameters={})
+    assert not correct_places(original)
+    assert len(runs.rows(uri(original), "of-other")) == 1
 
 
 def test_while_a_benchmark_runs_nothing_is_corrected(original: Path, tmp_path: Path) -> None:

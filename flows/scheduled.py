@@ -175,6 +175,14 @@ class Deployment:
     def __str__(self) -> str:
         return f"{self.flow.name}/{self.name}"
 
+    @property
+    def when(self) -> str:
+        """Say when it runs, and whether it rests, as ``mattgs serve`` prints it."""
+        if self.cron is None:
+            return "on request"
+        zone = f" {self.timezone}" if self.timezone else ""
+        return f"{self.cron}{zone}{'' if self.active and not self.paused else ', paused'}"
+
     def parameters(self, **others: object) -> dict[str, Any]:
         """Return the flow's parameters as JSON values: what is set here, and ``others``."""
         values = self.settings.model_copy(update=others)

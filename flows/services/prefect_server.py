@@ -9,6 +9,7 @@ Making the database's tables takes as long as all the rest of the start. So the 
 is kept, still empty, in the user's cache folder, and later ones are copies of it.
 """
 
+import http.client
 import os
 import shutil
 import socket
@@ -134,8 +135,8 @@ def healthy(url: str) -> bool:
     try:
         with urllib.request.urlopen(f"{url}/health", timeout=10) as answer:
             return bool(answer.status == 200)
-    except (urllib.error.URLError, TimeoutError, ConnectionError):
-        return False
+    except (urllib.error.URLError, http.client.HTTPException, TimeoutError, ConnectionError):
+        return False  # nobody answers, or another kind of server
 
 
 def _environment(home: Path) -> dict[str, str]:

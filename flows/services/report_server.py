@@ -42,7 +42,7 @@ def serving(benchmarks: Path, port: int = 0) -> Iterator[str]:
         opened = ThreadingHTTPServer(("127.0.0.1", port), handler)
     except OSError as error:
         raise InputError(
-            f"port {port}, of the reports, cannot be used: {error.strerror}"
+            f"port {port}, of the reports, the one after --port, cannot be used: {error.strerror}"
         ) from error
     with opened as server:
         thread = threading.Thread(target=server.serve_forever, name="reports", daemon=True)

@@ -1,6 +1,7 @@
 """``mattgs serve``: all deployments from one process, with its own Prefect server if need be."""
 
 import os
+import socket
 import subprocess
 import sys
 import time
@@ -19,8 +20,8 @@ POLL_SECONDS = 0.2
 def serve(out: Path, port: int, names: list[str]) -> None:
     """Serve the deployments of ``prefect.yaml``, else the project's, until Ctrl-C.
 
-    Raises :class:`InputError` for a deployment that does not exist, and where the Prefect that the
-    user named cannot be used.
+    Raises :class:`InputError` for a deployment that does not exist, for a port that is taken, and
+    where the Prefect that the user named cannot be used.
 
     Where Prefect's settings name no API, a server is started on ``port``, its database below
     ``out``; it ends with this process. Reports are served on the next port, so that links in the
@@ -46,7 +47,8 @@ def serve(out: Path, port: int, names: list[str]) -> None:
 def server(out: Path, port: int) -> Iterator[str]:
     """Start a complete Prefect server, scheduler and interface included; yield its API's address.
 
-    Unlike a benchmark's own it keeps its database: the past is there after a restart.
+    Unlike a benchmark's own it keeps its database: the past is there after a restart. Raises
+    :class:`InputError` where the port is taken, and :class:`StageError` where it does not start.
     """
     home, log = out / "prefect" / "served", out / "logs" / "prefect.log"
     for folder in (home, log.parent):
@@ -71,6 +73,11 @@ def _check_free(port: int) -> None:
     url = f"http://127.0.0.1:{port}/api"
     if healthy(url):
         raise InputError(f"--port {port}: a server is there already; PREFECT_API_URL={url} uses it")
+    try:
+        socket.create_server(("127.0.0.1", port)).close()
+    except OSError as error:
+        reason = os.strerror(error.errno or 0)  # the error's own repeats the address
+        raise InputError(f"--port {port}: cannot be used: {reason}") from error
 
 
 def _wait(process: "subprocess.Popen[bytes]", url: str, log: Path) -> None:
@@ -99,7 +106,7 @@ def _serve(url: str, reports: str, names: list[str], out: Path) -> None:
     sys.stdout.write(f"Prefect: {url.removesuffix('/api')} (Ctrl-C ends)\nReports: {reports}\n")
     for one in listed:
         if not names or str(one) in names:
-            sys.stdout.write(f"  {one!s:<20} {one.cron or 'on request'}\n")
+            sys.stdout.write(f"  {one!s:<20} {one.when}\n")
     sys.stdout.flush()
     with prefect_settings.using(url):
         serve_all(frozenset(names), out, listed)

@@ -76,7 +76,9 @@ def test_a_schedule_has_its_time_zone_and_rests_where_it_says_so(tmp_path: Path)
     file = tmp_path / "prefect.yaml"
     zone = "timezone: Europe/Berlin, active: false"
     file.write_text(f"{SET} paused: true, schedules: [{{cron: 0 1 * * *, {zone}}}]}}]")
-    (served,) = runner_deployments(frozenset(), tmp_path, deployments(file))
+    listed = deployments(file)
+    assert listed[0].when == "0 1 * * * Europe/Berlin, paused"
+    (served,) = runner_deployments(frozenset(), tmp_path, listed)
     assert served.paused
     assert served.schedules is not None
     (one,) = served.schedules
@@ -91,3 +93,12 @@ def test_a_folder_whose_name_is_no_word_to_yaml_keeps_it(tmp_path: Path, name: s
     (one,) = deployments(tmp_path / SCHEDULE)
     assert str(one) == f"nightly/{name}"
     assert one.parameters()["settings"]["name"] == name
+
+
+def test_what_is_printed_of_a_deployment_says_when_it_runs() -> None:
+    assert [one.when for one in DEPLOYMENTS] == [
+        "0 1 * * *",
+        "0 8 * * 6",
+        "on request",
+        "on request",
+    ]

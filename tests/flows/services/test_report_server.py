@@ -50,6 +50,8 @@ def test_a_port_that_is_taken_is_told(tmp_path: Path) -> None:
     """As by a second ``mattgs serve``, whose reports are on the next port."""
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        refused = pytest.raises(InputError, match=f"port {port}, of the reports, cannot be used")
+        refused = pytest.raises(
+            InputError, match=f"port {port}, of the reports, the one after --port, cannot be used"
+        )
         with refused, serving(tmp_path, port):
             pass

@@ -12,7 +12,7 @@ def infinite_scores(rows: Sequence[Row]) -> list[str]:
     return [
         f"row {index} ({place_of(row)}): {name} of {view['view']} is {view[name]}"
         for index, row in enumerate(rows)
-        for view in row["per_view"] or []  # none of one that failed
+        for view in row.get("per_view") or []  # none of one that failed
         for name in _infinite(view)
     ]
 

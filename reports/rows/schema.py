@@ -202,6 +202,8 @@ def key_of(row: Mapping[str, Any]) -> CellKey:
 def refused(rows: Sequence[Row]) -> list[Row]:
     """Turn rows that cannot be used into failed ones that say why, so that no hole is silent.
 
+    Failed rows get the fields that they may lack, empty.
+
     Rows too broken to say which cell they belong to, and those whose names cannot be names of
     files, raise :class:`InputError`.
     """
@@ -210,7 +212,8 @@ def refused(rows: Sequence[Row]) -> list[Row]:
         checked_row(row, f"row {index}")
         own = row_problems(row)
         if not own:
-            out.append(row)
+            nothing: Row = {"metrics": {}, "per_view": []} if row["status"] == "failed" else {}
+            out.append(row | {k: v for k, v in nothing.items() if row.get(k) is None})
             continue
         identity = ("capture", "background", "method", "seed", "iterations", "resolution")
         if any(field not in row for field in identity):

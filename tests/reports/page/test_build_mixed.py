@@ -131,6 +131,15 @@ def test_a_score_that_is_not_finite_is_left_out_and_named(
     assert "Ours gains 0.50 dB inside the mask" in words
 
 
+def test_a_failed_row_may_hold_nothing_but_its_reason(
+    make_row: Callable[..., Row], tmp_path: Path
+) -> None:
+    rows = pairs(make_row, "a")
+    rows[1] |= {"status": "failed", "reason": "train: out of memory"}
+    rows[1] |= {"metrics": None, "per_view": None}
+    assert "train: out of memory" in words_of(rows, tmp_path)
+
+
 def test_a_mean_over_some_captures_says_over_how_many(make_row: Callable[..., Row]) -> None:
     rows = grid(make_row)
     for row in rows:

@@ -89,13 +89,14 @@ def test_a_benchmark_leaves_a_record_of_how_it_went(
     folder = tmp_path / "benchmarks" / NAME
     seen: list[RunConfig] = []
 
-    def good(config: BenchmarkConfig, out: Path) -> bool:
+    def good(config: BenchmarkConfig, out: Path, died: int) -> bool:
+        assert died == 1
         seen.append(config.run)
         write_rows(out / "benchmarks" / NAME)
         return True
 
-    def interrupted(config: BenchmarkConfig, out: Path) -> bool:
-        del config, out
+    def interrupted(config: BenchmarkConfig, out: Path, died: int) -> bool:
+        del config, out, died
         raise KeyboardInterrupt
 
     monkeypatch.setattr(running, "_run", good)

@@ -12,7 +12,15 @@ from typing import Annotated
 import typer
 
 from flows.cli import gate, operate, results
-from flows.cli.arguments import DEFAULT_OUT, EXIT_FAILED, NamedPhotos, Out, Photos, one_folder
+from flows.cli.arguments import (
+    DEFAULT_OUT,
+    EXIT_FAILED,
+    NamedPhotos,
+    Out,
+    Photos,
+    of_mlflow,
+    one_folder,
+)
 from flows.cli.making import captures, segment
 from mattgs_ops.errors import InputError, MattgsError
 
@@ -260,9 +268,10 @@ def main() -> None:
         sys.stderr.write(f"mattgs: {error.filename}: {reason}\n")
         sys.exit(EXIT_INPUT)
     except Exception as error:
-        if not type(error).__module__.startswith("mlflow."):  # which is imported late, if at all
+        told = of_mlflow(error)
+        if told is None:
             raise
-        sys.stderr.write(f"mattgs: MLflow: {str(error).splitlines()[0]}\n")
+        sys.stderr.write(f"mattgs: {told}\n")
         sys.exit(EXIT_FAILED)
     except SystemExit as ended:
         if ended.code != EXIT_INTERRUPTED:  # what Typer makes of Ctrl-C, without a word

@@ -1,4 +1,4 @@
-"""Options that several commands share."""
+"""Options that several commands share, and what they say and exit with when they fail."""
 
 from pathlib import Path
 from typing import Annotated
@@ -14,6 +14,16 @@ Photos = Annotated[
     Path | None, typer.Argument(help="A folder of photos of one object, from all sides.")
 ]
 NamedPhotos = Annotated[Path | None, typer.Option("--photos", help="The same folder, by name.")]
+
+
+def of_mlflow(error: Exception) -> str | None:
+    """Return in a line what MLflow says, None for an error that is not MLflow's.
+
+    It goes by the error's module: MLflow is imported late, if at all.
+    """
+    if not type(error).__module__.startswith("mlflow."):
+        return None
+    return f"MLflow: {str(error).splitlines()[0]}"
 
 
 def one_folder(command: str, photos: Path | None, named: Path | None) -> Path | None:

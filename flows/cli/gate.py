@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from flows.cli.arguments import DEFAULT_OUT, EXIT_FAILED, Out
+from flows.cli.arguments import DEFAULT_OUT, EXIT_FAILED, Out, of_mlflow
 from mattgs_ops.errors import InputError, StageError
 from reports.gate.tolerances import Doubt
 
@@ -104,9 +104,8 @@ def _whatever_comes(judged: Callable[[], tuple[str, int]]) -> tuple[str, int]:
     except (StageError, OSError) as error:
         return f"mattgs: {error}", Exit.CANNOT_JUDGE
     except Exception as error:  # Python would end with 1, which is the code of a regression
-        if type(error).__module__.startswith("mlflow."):  # a server that does not answer
-            return f"mattgs: MLflow: {str(error).splitlines()[0]}", Exit.CANNOT_JUDGE
-        return f"mattgs: the gate itself broke\n{traceback.format_exc()}", Exit.CANNOT_JUDGE
+        broke = f"the gate itself broke\n{traceback.format_exc()}"
+        return f"mattgs: {of_mlflow(error) or broke}", Exit.CANNOT_JUDGE
 
 
 def baseline(

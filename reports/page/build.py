@@ -184,12 +184,7 @@ def _markdown(content: Content, absent: Sequence[str], out: Path) -> str:
         parts += items([f"**{one.headline}**"])
         parts += [f"  {item}" for item in items(one.details)]
     if content.notes:
-        parts += [
-            "",
-            "To know when reading this:",
-            "",
-            *items(content.notes),
-        ]
+        parts += ["", "To know when reading this:", "", *items(content.notes)]
     parts += ["", "## Tables", ""]
     parts += [formats.markdown(table) for table in tables]
     if content.drawn:

@@ -44,14 +44,14 @@ def clean_up(out: Path, *, unused_hours: float, dry_run: bool) -> str:
 
 def _close(out: Path, *, dry_run: bool) -> list[str]:
     """Close the runs that dead processes left open; one line each."""
-    closed = orphans.close_orphans(embedded.tracking_uri(out), dry_run=dry_run)
+    closed = orphans.close_orphans(registries.current(out), dry_run=dry_run)
     verb = "Would close" if dry_run else "Closed"
     return [f"{verb} as KILLED, its process is gone: {name}" for name in closed]
 
 
 def _purge(out: Path, *, dry_run: bool) -> list[str]:
     """Remove the reports of summaries that were replaced; one line each."""
-    purged = summary.purge(embedded.tracking_uri(out), dry_run=dry_run)
+    purged = summary.purge(registries.current(out), dry_run=dry_run)
     verb = "Would remove" if dry_run else "Removed"
     return [
         f"{verb} from MLflow the report of a summary that was replaced: {i[:8]}" for i in purged

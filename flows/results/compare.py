@@ -5,7 +5,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from flows.services import embedded
+from flows.services import embedded, registries
 from mattgs_ops.errors import InputError
 from mattgs_ops.naming import checked_row, slug
 from tasks.registry import lookup, summary
@@ -42,7 +42,7 @@ def _side(text: str, out: Path, folder: Path) -> Any:
         row = _row_of(file, row_name)
         return Side(row, _store_of(file), {})
     embedded.enter(out)
-    tracking = embedded.tracking_uri(out)
+    tracking = registries.current(out)
     found = lookup.find_run(tracking, text)
     files = summary.run_files(tracking, found.run_id, folder / "files")
     row = checked_row(_json(files / "row.json"), f"run {found}: row.json")

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from flows.services import embedded
+from flows.services import embedded, registries
 from mattgs_ops.errors import InputError
 from mattgs_ops.naming import checked_name
 from tasks.registry.content import history
@@ -19,7 +19,7 @@ def show_history(benchmark: str, out: Path) -> str:
 
     checked_name(benchmark, "the benchmark's name")
     embedded.enter(out)
-    runs = history.runs_of(embedded.tracking_uri(out), benchmark)
+    runs = history.runs_of(registries.current(out), benchmark)
     if not runs:
         raise InputError(f"benchmark {benchmark!r} has no experiment that ended yet")
     folder = out / "benchmarks" / benchmark / FOLDER

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from flows.services import embedded
+from flows.services import embedded, registries
 from tasks.registry import lookup, promotion
 
 
@@ -12,7 +12,7 @@ def promote(run: str, out: Path, alias: str) -> str:
     Raises :class:`InputError` when it means no run, several, or one that did not finish.
     """
     embedded.enter(out)
-    tracking = embedded.tracking_uri(out)
+    tracking = registries.current(out)
     found = lookup.find_run(tracking, run)
     address = promotion.promote(tracking, found, alias)
     return f"Promoted {found} to {alias}: {address}"

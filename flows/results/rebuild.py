@@ -3,7 +3,7 @@
 import tempfile
 from pathlib import Path
 
-from flows.services import embedded
+from flows.services import embedded, registries
 from mattgs_ops.naming import checked_name
 from tasks.registry import promotion, summary
 
@@ -23,7 +23,7 @@ def rebuild_report(benchmark: str, out: Path, paper_values: Path | None = None) 
     checked_name(benchmark, "the benchmark's name")
     values = None if paper_values is None else paper.load(paper_values)
     embedded.enter(out)
-    tracking = embedded.tracking_uri(out)
+    tracking = registries.current(out)
     rows, left_out = newest_alike(summary.report_rows(tracking, benchmark))
     with tempfile.TemporaryDirectory(prefix="mattgs-report-") as folder:
         return build(

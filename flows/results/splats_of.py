@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from flows.services import embedded
+from flows.services import embedded, registries
 from mattgs_ops.errors import InputError
 from tasks.registry import lookup, summary
 
@@ -27,7 +27,7 @@ def splats_of(what: str, out: Path, into: Path) -> SplatSource:
     if what.endswith(".ply"):
         raise InputError(f"{what}: expected a PLY file, found none")
     embedded.enter(out)
-    tracking = embedded.tracking_uri(out)
+    tracking = registries.current(out)
     found = lookup.find_run(tracking, what)
     files = summary.run_files(tracking, found.run_id, into)
     splats = files / "splats.ply"

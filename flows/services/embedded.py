@@ -82,7 +82,7 @@ class Starting:
     def __init__(self, out: Path, run: RunConfig, died: int) -> None:
         self._out, self._died = out, died
         self._run = run
-        self._tracking = tracking_uri(out)
+        self._tracking = registries.current(out)
 
     def __enter__(self) -> "Starting":
         api = prefect_settings.api_url()
@@ -130,11 +130,6 @@ class Starting:
             self._cluster.scheduler,
             self._cluster.dashboard,
         )
-
-
-def tracking_uri(out: Path) -> str:
-    """Return where MLflow is: as the environment says, else a SQLite file below ``out``."""
-    return registries.current(out)
 
 
 @contextmanager

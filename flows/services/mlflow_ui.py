@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from flows.services import embedded
+from flows.services import embedded, registries
 from mattgs_ops.errors import InputError, StageError
 
 ANSWER_SECONDS = 10.0  # that a server may take to say that it is there
@@ -23,7 +23,7 @@ def show(out: Path, port: int, *, browser: bool) -> None:
 
     Raises :class:`InputError` when that server does not answer, and when nothing was recorded.
     """
-    tracking = embedded.tracking_uri(out)
+    tracking = registries.current(out)
     if tracking.startswith(("http://", "https://")):
         _open(tracking, browser=browser)
     else:
@@ -53,7 +53,7 @@ def _serve(out: Path, port: int) -> None:
     os.environ["MLFLOW_SERVER_ENABLE_JOB_EXECUTION"] = "false"  # starts in half the time
     command = [sys.executable, "-m", "mlflow", "server", "--workers", "1"]
     command += ["--host", "127.0.0.1", "--port", str(port)]
-    command += ["--backend-store-uri", embedded.tracking_uri(out)]
+    command += ["--backend-store-uri", registries.current(out)]
     sys.stdout.write(
         f"MLflow: http://127.0.0.1:{port} (starting takes some seconds; Ctrl-C ends). {HINT}\n"
     )

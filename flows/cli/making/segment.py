@@ -29,7 +29,7 @@ def train_segmenter(
     An interrupted training goes on from its checkpoint. `segment.model` takes the ONNX file.
     """
     from flows.cli.terminal import bar
-    from flows.services import embedded
+    from flows.services import embedded, registries
     from mattgs_ops.segment.network.train_config import SegmentTrainConfig, load_train_config
     from tasks.train_segmenter import train_segmenter as train
 
@@ -38,7 +38,7 @@ def train_segmenter(
         settings = settings.model_copy(update={"start_from": start_from})
     embedded.enter(out)
     with bar("train U²-Net") as progress:
-        onnx = train(settings, folder, embedded.tracking_uri(out), out, progress=progress)
+        onnx = train(settings, folder, registries.current(out), out, progress=progress)
     typer.echo(f"Segmenter: {onnx.resolve()}")
 
 
@@ -97,12 +97,12 @@ def train_outline(
     An interrupted training goes on from its checkpoint.
     """
     from flows.cli.terminal import bar
-    from flows.services import embedded
+    from flows.services import embedded, registries
     from mattgs_ops.segment.outline.train_config import OutlineTrainConfig, load_outline_config
     from tasks.train_segmenter import train_outline as train
 
     settings = OutlineTrainConfig() if config is None else load_outline_config(config)
     embedded.enter(out)
     with bar("train the outline") as progress:
-        onnx = train(settings, folder, embedded.tracking_uri(out), out, progress=progress)
+        onnx = train(settings, folder, registries.current(out), out, progress=progress)
     typer.echo(f"Outline: {onnx.resolve()}")

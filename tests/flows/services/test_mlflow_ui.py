@@ -12,7 +12,7 @@ from urllib.request import urlopen
 import pytest
 
 from flows.cli import app
-from flows.services import embedded, mlflow_ui
+from flows.services import mlflow_ui, registries
 from mattgs_ops.errors import InputError
 from tasks.registry import runs
 
@@ -37,7 +37,7 @@ def until(wanted: bool, port: int) -> None:
 
 
 def test_sigterm_ends_the_server_too(tmp_path: Path) -> None:
-    runs.initialise(embedded.tracking_uri(tmp_path))
+    runs.initialise(registries.current(tmp_path))
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     command = [sys.executable, "-m", "flows.cli.app", "ui", "--out", str(tmp_path)]

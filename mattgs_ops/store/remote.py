@@ -13,7 +13,8 @@ manifest that names files outside its artifact, or objects by anything but a dig
 before anything is read, written or removed: whoever can write to the store could have planted it.
 
 Of the store is asked that a write is seen by whoever reads afterwards, and that single objects
-appear whole, as S3 and its relatives promise. Endpoint and credentials come from the environment
+appear whole, as S3 and its relatives promise. Elsewhere (``file://``, ``sftp://`` …) each object is
+written beside its place and then renamed. Endpoint and credentials come from the environment
 (``AWS_ENDPOINT_URL``, ``AWS_ACCESS_KEY_ID`` …), as each protocol has it.
 """
 
@@ -21,7 +22,8 @@ import json
 import logging
 import re
 import shutil
-from collections.abc import Iterator
+import uuid
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -35,6 +37,8 @@ SCHEMA = 1
 MANIFEST = "manifest.json"
 DRAFTS = "drafts"
 SHA256 = re.compile(r"[0-9a-f]{64}")
+# what fsspec calls stores where an object is whole once it can be seen, and a rename is a copy
+WHOLE = frozenset({"s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "adl", "oss", "memory"})
 
 log = logging.getLogger(__name__)
 
@@ -54,6 +58,8 @@ class RemoteStore:
         except (ImportError, ValueError) as error:
             raise InputError(f"--store {url}: {error}") from error
         self._root = root.rstrip("/")
+        kinds = self._files.protocol
+        self._whole = not WHOLE.isdisjoint([kinds] if isinstance(kinds, str) else kinds)
         self._made: set[str] = set()  # folders: asked for once, not once per object
 
     def check(self) -> None:
@@ -121,7 +127,7 @@ class RemoteStore:
             return False
         with self._errors():
             self._make_parent(self._place(key))
-            self._files.pipe_file(self._place(key), text)
+            self._put(self._place(key), lambda at: self._files.pipe_file(at, text))
         return True
 
     def keep_draft(self, key: str, folder: Path) -> None:
@@ -134,8 +140,9 @@ class RemoteStore:
         before = self._read(f"{place}/{MANIFEST}") or {"files": {}}
         for name, row in rows.items():
             self._upload(row["bytes"], folder / name, f"{place}/{row['sha256']}")
+        text = json.dumps({"files": rows}).encode()
         with self._errors():
-            self._files.pipe_file(f"{place}/{MANIFEST}", json.dumps({"files": rows}).encode())
+            self._put(f"{place}/{MANIFEST}", lambda at: self._files.pipe_file(at, text))
             now = {row["sha256"] for row in rows.values()}
             for digest in {row["sha256"] for row in before["files"].values()} - now:
                 self._remove(f"{place}/{digest}")
@@ -187,7 +194,16 @@ class RemoteStore:
                     return
             except FileNotFoundError:
                 self._make_parent(target)
-            self._files.put_file(str(path), target)
+            self._put(target, lambda at: self._files.put_file(str(path), at))
+
+    def _put(self, target: str, write: Callable[[str], Any]) -> None:
+        """Write an object by ``write(path)`` so that nobody reads half of it."""
+        if self._whole:
+            write(target)
+            return
+        part = f"{target}.part-{uuid.uuid4().hex}"
+        write(part)
+        self._files.mv(part, target)
 
     def _make_parent(self, path: str) -> None:
         folder = path.rpartition("/")[0]

@@ -4,7 +4,6 @@ import hashlib
 import json
 import logging
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 
 import fsspec
@@ -16,38 +15,6 @@ from mattgs_ops.store.remote import RemoteStore
 from mattgs_ops.store.store import Finished, Store
 
 KEY = stage_key("train", "c0de", {"steps": 3}, {"scene": "aa"})
-
-
-@pytest.fixture(scope="session")
-def s3_server() -> Iterator[str]:
-    """Start a server that speaks S3 on a free port; return its address."""
-    from moto.server import ThreadedMotoServer
-
-    server = ThreadedMotoServer("127.0.0.1", 0, verbose=False)
-    server.start()
-    host, port = server.get_host_and_port()
-    yield f"http://{host}:{port}"
-    server.stop()
-
-
-@pytest.fixture
-def s3(s3_server: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
-    """Return the place of a store on S3, in a bucket of its own."""
-    for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"):
-        monkeypatch.setenv(name, "test")
-    monkeypatch.setenv("AWS_ENDPOINT_URL", s3_server)
-    monkeypatch.setenv("AWS_DEFAULT_REGION", "us-east-1")
-    bucket = f"b{hashlib.sha256(str(tmp_path).encode()).hexdigest()[:20]}"
-    fsspec.filesystem("s3", use_listings_cache=False).mkdir(bucket)
-    return f"s3://{bucket}/shared"
-
-
-@pytest.fixture(params=["file", "memory", "s3"])
-def url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
-    """Return the place of a shared store: on disk, in memory, on S3, all through the same code."""
-    if request.param == "s3":
-        return str(request.getfixturevalue("s3"))
-    return f"{request.param}://{tmp_path}/shared"
 
 
 def make(store: Store, text: str = "result") -> Finished:
@@ -170,46 +137,6 @@ def test_what_a_kill_left_beside_the_work_is_no_part_of_the_result(tmp_path: Pat
         "manifest.json",
     ]
     assert (store.require(KEY).folder / "a.txt").read_text() == "result"
-
-
-def test_another_machine_goes_on_from_the_newest_draft(tmp_path: Path, url: str) -> None:
-    one, two = Store(tmp_path / "one", url), Store(tmp_path / "two", url)
-    with one.stage(KEY, resume=True) as slot:
-        for step in ("step 1", "step 2"):
-            (slot.work / "checkpoint").write_text(step)
-            slot.keep_draft(slot.work)
-        files, root = fsspec.url_to_fs(url)
-        assert not files.exists(f"{root}/objects"), "drafts lie apart from what artifacts share"
-    with two.stage(KEY) as slot:
-        assert not list(slot.work.iterdir()), "only stages that resume ask for it"
-    with two.stage(KEY, resume=True) as slot:
-        assert (slot.work / "checkpoint").read_text() == "step 2"
-        (slot.work / "a.txt").write_text("result")
-        slot.finish()
-    assert not files.find(f"{root}/drafts")
-    assert (one.fetch(str(KEY)).folder / "a.txt").read_text() == "result"
-
-
-def test_a_machine_that_has_work_of_its_own_goes_on_with_that(tmp_path: Path, url: str) -> None:
-    one, two = Store(tmp_path / "one", url), Store(tmp_path / "two", url)
-    for store, step in ((two, "step 1"), (one, "step 2")):
-        with store.stage(KEY, resume=True) as slot:
-            (slot.work / "checkpoint").write_text(step)
-            slot.keep_draft(slot.work)
-    with two.stage(KEY, resume=True) as slot:
-        assert (slot.work / "checkpoint").read_text() == "step 1"
-
-
-def test_half_a_draft_is_none(tmp_path: Path, url: str) -> None:
-    files, root = fsspec.url_to_fs(url)
-    with Store(tmp_path / "one", url).stage(KEY, resume=True) as slot:
-        for name in ("checkpoint", "curve"):
-            (slot.work / name).write_text(name)
-        slot.keep_draft(slot.work)
-    (damaged,) = (path for path in files.find(f"{root}/drafts") if files.cat_file(path) == b"curve")
-    files.pipe_file(damaged, b"curv")
-    with Store(tmp_path / "two", url).stage(KEY, resume=True) as slot:
-        assert not list(slot.work.iterdir())
 
 
 EVIL = b"from somebody else"

@@ -38,6 +38,8 @@ def judge(
     Raises :class:`InputError` naming the file that cannot be used.
     """
     checked_name(benchmark, "the benchmark's name")
+    if not out.is_dir():
+        raise InputError(f"{out}: expected the folder of a run, found none; --out names it")
     embedded.enter(out)
     wrong = run_record.problem(out / "benchmarks" / benchmark, run)
     if wrong:

@@ -112,13 +112,14 @@ def _first(name: str, file: Path, out: Path, run: str) -> None:
 @scheduled("segmenter", "train segmenter")
 def segmenter(settings: SegmenterForm) -> None:
     """Train U²-Net as ``mattgs segment train`` does; an interrupted training goes on."""
-    from flows.services import registries
+    from flows.services import embedded, registries
     from mattgs_ops.segment.network.train_config import SegmentTrainConfig, load_train_config
     from tasks.train_segmenter import train_segmenter
 
     config = settings.config
     training = SegmentTrainConfig() if config is None else load_train_config(config)
     folder, out = settings.folder.resolve(), settings.out.resolve()
+    embedded.enter(out)
     tracking = registries.current(out)
     onnx = train_segmenter(training, folder, tracking, out, progress=_progress_bar("segmenter"))
     text = f"The network for `segment.model`: `{onnx}`"

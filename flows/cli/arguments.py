@@ -23,7 +23,8 @@ def of_mlflow(error: Exception) -> str | None:
     """
     if not type(error).__module__.startswith("mlflow."):
         return None
-    return f"MLflow: {str(error).splitlines()[0]}"
+    said = str(error).strip() or type(error).__name__
+    return f"MLflow: {said.splitlines()[0]}"
 
 
 def one_folder(command: str, photos: Path | None, named: Path | None) -> Path | None:

@@ -41,7 +41,7 @@ def _side(text: str, out: Path, folder: Path) -> Any:
     if file is not None:
         row = _row_of(file, row_name)
         return Side(row, _store_of(file), {})
-    embedded.enter(out)
+    embedded.enter_existing(out)
     tracking = registries.current(out)
     found = lookup.find_run(tracking, text)
     files = summary.run_files(tracking, found.run_id, folder / "files")

@@ -18,7 +18,7 @@ def show_history(benchmark: str, out: Path) -> str:
     from reports.history import page
 
     checked_name(benchmark, "the benchmark's name")
-    embedded.enter(out)
+    embedded.enter_existing(out)
     runs = history.runs_of(registries.current(out), benchmark)
     if not runs:
         raise InputError(f"benchmark {benchmark!r} has no experiment that ended yet")

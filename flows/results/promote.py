@@ -11,7 +11,7 @@ def promote(run: str, out: Path, alias: str) -> str:
 
     Raises :class:`InputError` when it means no run, several, or one that did not finish.
     """
-    embedded.enter(out)
+    embedded.enter_existing(out)
     tracking = registries.current(out)
     found = lookup.find_run(tracking, run)
     address = promotion.promote(tracking, found, alias)

@@ -22,7 +22,7 @@ def rebuild_report(benchmark: str, out: Path, paper_values: Path | None = None) 
 
     checked_name(benchmark, "the benchmark's name")
     values = None if paper_values is None else paper.load(paper_values)
-    embedded.enter(out)
+    embedded.enter_existing(out)
     tracking = registries.current(out)
     rows, left_out = newest_alike(summary.report_rows(tracking, benchmark))
     with tempfile.TemporaryDirectory(prefix="mattgs-report-") as folder:

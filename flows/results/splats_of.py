@@ -26,7 +26,7 @@ def splats_of(what: str, out: Path, into: Path) -> SplatSource:
         return SplatSource(Path(what).stem, Path(what))
     if what.endswith(".ply"):
         raise InputError(f"{what}: expected a PLY file, found none")
-    embedded.enter(out)
+    embedded.enter_existing(out)
     tracking = registries.current(out)
     found = lookup.find_run(tracking, what)
     files = summary.run_files(tracking, found.run_id, into)

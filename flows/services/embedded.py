@@ -18,6 +18,7 @@ from flows.services import dask_cluster, prefect_settings, registries
 from flows.services.background import Background
 from flows.services.prefect_server import PrefectServer
 from mattgs_ops.config import RunConfig
+from mattgs_ops.errors import InputError
 from tasks.registry import runs
 from tasks.registry.upkeep.moved import correct_places
 
@@ -68,6 +69,19 @@ def enter(out: Path) -> None:
         os.environ.setdefault(key, value)
     prefect_settings.use_own_home(out)
     correct_places(out)
+
+
+def enter_existing(out: Path) -> None:
+    """As :func:`enter`, for commands that read what runs have recorded; makes nothing without one.
+
+    Raises :class:`InputError` where MLflow is a file that is not there: ``--out`` is mistyped.
+    """
+    if registries.existing(out) is None:
+        file = registries.current(out).removeprefix(registries.SQLITE)
+        raise InputError(
+            f"{file}: expected what runs have recorded, found no such file; --out names the folder"
+        )
+    enter(out)
 
 
 class Starting:

@@ -24,7 +24,14 @@ def rebuild_report(benchmark: str, out: Path, paper_values: Path | None = None) 
     values = None if paper_values is None else paper.load(paper_values)
     embedded.enter_existing(out)
     tracking = registries.current(out)
-    rows, left_out = newest_alike(summary.report_rows(tracking, benchmark))
+    recorded = summary.report_rows(tracking, benchmark)
+    rows, left_out = newest_alike(recorded)
+    others = summary.not_reported(tracking, benchmark, recorded)
+    if others:
+        what = "experiment is" if others == 1 else "experiments are"
+        left_out.append(
+            f"{others} recorded {what} left out: the newest run of the benchmark did not have them."
+        )
     with tempfile.TemporaryDirectory(prefix="mattgs-report-") as folder:
         return build(
             rows,

@@ -10,7 +10,6 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 
 from reports.figures.plots import (
     Saved,
@@ -22,6 +21,7 @@ from reports.figures.plots import (
     save,
     sheets,
 )
+from reports.figures.scales import plain_numbers
 from reports.rows import budgets, clock
 from reports.rows.budgets import Point
 from reports.rows.columns import signed
@@ -40,7 +40,6 @@ from reports.tables.origins import machine_of
 SLUG = "figure-budgets"
 Curves = dict[tuple[str, str], dict[str, list[Point]]]
 OVER_ALL = {"nobg": "without background", "original": "with background"}
-NARROW, WIDE = 5, 30  # ratios of an axis' ends: even steps below, the powers of ten alone above
 SIZE, MIXED = "size_mb", " Times are left out: they are of different machines."
 
 
@@ -90,7 +89,9 @@ def _sheet(
                     for method, points in methods.items():
                         _curve(axes, points, _look(background, method, tones))
                         shown[background, method] = None
-            _logarithmic(axes)
+            axes.set_xscale("log")
+            plain_numbers(axes.xaxis)
+            axes.margins(0.08)
             axes.set_xlabel(text)
         headed(grid[0][place], capture_name(name))
     for axes in grid[:, 0]:
@@ -119,20 +120,6 @@ def _look(background: str, method: str, tones: dict[str, str]) -> dict[str, Any]
         "markersize": 4.5,
         "markerfacecolor": tones[method] if background == "nobg" else "white",
     }
-
-
-def _logarithmic(axes: Axes) -> None:
-    """Scale the costs' axis, with plain numbers where there is room for them."""
-    axes.set_xscale("log")
-    low, high = axes.get_xlim()
-    steps = (1, 2, 5) if high / low < WIDE else (1,)
-    ticks = [step * 10.0**power for power in range(-3, 7) for step in steps]
-    if high / low < NARROW:  # not two of these may lie on it
-        ticks = [float(tick) for tick in MaxNLocator(6, steps=(1, 2, 5, 10)).tick_values(low, high)]
-    axes.set_xticks([tick for tick in ticks if low <= tick <= high])
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,g}"))
-    axes.xaxis.set_minor_formatter(NullFormatter())
-    axes.margins(0.08)
 
 
 def _handle(background: str, method: str, tones: dict[str, str]) -> Line2D:

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from mattgs_ops.method import METHODS
 from reports.figures import findings
 from reports.figures.pictures import artifact
+from reports.figures.scales import plain_numbers
 from reports.rows.columns import joined
 from reports.rows.schema import (
     Cell,
@@ -87,7 +88,12 @@ class Saved:
     @property
     def png(self) -> Path:
         """The raster form."""
-        return self.stem.with_suffix(".png")
+        return _named(self.stem, ".png")
+
+
+def _named(stem: Path, suffix: str) -> Path:
+    """Return the file's path; a dot in a capture's name begins no suffix."""
+    return stem.with_name(stem.name + suffix)
 
 
 @contextmanager
@@ -103,10 +109,10 @@ def save(
     """Write ``slug.png`` and ``slug.pdf`` without dates."""
     folder.mkdir(parents=True, exist_ok=True)
     stem = folder / slug
-    figure.savefig(stem.with_suffix(".pdf"), metadata={"CreationDate": None})
+    figure.savefig(_named(stem, ".pdf"), metadata={"CreationDate": None})
     effort = {"compress_level": 1} if pictorial else {}  # photos: half the time, 8 % more bytes
     figure.savefig(
-        stem.with_suffix(".png"), dpi=PNG_DPI, metadata={"Software": None}, pil_kwargs=effort
+        _named(stem, ".png"), dpi=PNG_DPI, metadata={"Software": None}, pil_kwargs=effort
     )
     return Saved(slug, caption, stem, pictorial)
 
@@ -141,7 +147,9 @@ def headed(axes: Axes, name: str) -> None:
 
 def mean(cell: Cell, metric: str) -> float | None:
     """Return the mean of a run's metric over a cell's seeds; None where no seed has it."""
-    values = [row["metrics"][metric] for row in cell.finished if row["metrics"].get(metric)]
+    values = [
+        row["metrics"][metric] for row in cell.finished if row["metrics"].get(metric) is not None
+    ]
     return sum(values) / len(values) if values else None
 
 
@@ -170,6 +178,7 @@ def legend(figure: Figure, handles: Sequence[Line2D]) -> None:
     longest = max(map(len, labels), default=0)
     width = max(LEGEND_WIDTH, LEGEND_MARK + LEGEND_LETTER * longest)
     across = max(1, min(len(handles), int(figure.get_figwidth() / width)))
+    figure.set_figwidth(max(figure.get_figwidth(), width))  # of a long name in a narrow figure
     rows = -(-len(handles) // across)
     more = max(0, rows - LEGEND_ROWS) * LEGEND_HEIGHT
     figure.set_figheight(figure.get_figheight() + more)
@@ -219,6 +228,7 @@ def _curves(found: Curves, tones: dict[str, str], folder: Path, slug: str, sheet
             if place == 0:
                 axes.set_ylabel(label)
         grid[1][place].set_yscale("log")
+        plain_numbers(grid[1][place].yaxis)
         grid[2][place].yaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
         grid[-1][place].xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
         grid[-1][place].set_xlabel("Iteration")

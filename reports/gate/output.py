@@ -1,11 +1,13 @@
 """A gate report as text, Markdown, JUnit XML and JSON. Decides nothing.
 
-The JSON follows ``gate_schema.json``. Changes read "positive is better" everywhere.
+The JSON follows ``schema.json``; its changes are signed so that positive is better. People read the
+change from before to after, beside both numbers, and the verdict says which way is better.
 """
 
 import json
+import math
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -13,6 +15,7 @@ from xml.etree import ElementTree
 from reports.gate import tolerances
 from reports.gate.findings import ALL_CELLS, Exit, Finding, GateReport, Verdict
 from reports.markdown import table_cell
+from reports.rows.statistics import Interval
 
 SCHEMA = 4
 IN_WORDS = {
@@ -30,6 +33,9 @@ MEANING = {
 }
 FAILURES = {Verdict.WORSE, Verdict.NEWLY_FAILING}
 SKIPPED = {Verdict.INCONCLUSIVE, Verdict.STILL_FAILING}  # in JUnit, with what is excused
+MEASURED = {"time": "time ÷ workload", "fps": "FPS × workload"}  # what speeds are compared as
+FALLS = {t.metric for t in tolerances.TOLERANCES if t.direction < 0}  # that are better for it
+LARGE = 1000  # numbers that are printed whole
 RATIOS = {t.metric for t in tolerances.TOLERANCES if t.kind in ("ratio", "speed")}
 MOST_LINES = 40
 
@@ -74,7 +80,7 @@ def markdown(report: GateReport, pictures: Sequence[tuple[str, str]] = ()) -> st
     findings = worth_reading(report)
     if findings:
         lines += [
-            "| Verdict | Cell | Metric | Before | After | Change (+ is better) | Interval | Why |",
+            "| Verdict | Cell | Metric | Before | After | Change | Interval | Why |",
             "| --- | --- | --- | --: | --: | --: | --- | --- |",
         ]
         for finding in findings:
@@ -213,25 +219,51 @@ def sentence(finding: Finding) -> str:
     """One finding in words."""
     if finding.change is None:
         return finding.reason or "no difference"
-    _, _, _, before, after, change, interval = _cells(finding)
+    _, _, metric, before, after, change, interval = _cells(finding)
     where = f", most in view {finding.worst_view}" if finding.worst_view else ""
-    return f"{finding.metric} {before} → {after}, change {change} ({interval}){where}"
+    return f"{metric} {before} → {after}, change {change} ({interval}){where}"
 
 
 def _cells(finding: Finding) -> list[str]:
-    change = finding.change
+    change = None if finding.change is None else plain_change(finding.metric, finding.change)
     percent = finding.metric in RATIOS
+    measured = finding.before is not None
     return [
         str(finding.verdict),
         finding.cell,
-        finding.metric,
-        "" if finding.before is None else f"{finding.before:.4g}",
-        "" if finding.after is None else f"{finding.after:.4g}",
+        MEASURED.get(finding.metric, finding.metric) if measured else finding.metric,
+        _number(finding.before),
+        _number(finding.after),
         "" if change is None else _signed(change.mean, percent=percent),
         ""
         if change is None
         else f"{_signed(change.low, percent=percent)} … {_signed(change.high, percent=percent)}",
     ]
+
+
+def plain_change(metric: str, change: Interval) -> Interval:
+    """Return the change from before to after, of one that is signed so that positive is better.
+
+    Shares of ratios that are better when they fall are before/after − 1, and become after/before −
+    1.
+    """
+    if metric not in FALLS:
+        return change
+    turned = _inverse if metric in RATIOS else float.__neg__
+    return replace(
+        change, mean=turned(change.mean), low=turned(change.high), high=turned(change.low)
+    )
+
+
+def _inverse(share: float) -> float:
+    """Return b/a − 1 for a/b − 1; infinite where a is nothing."""
+    return 1 / (1 + share) - 1 if share > -1 else math.inf
+
+
+def _number(value: float | None) -> str:
+    if value is None:
+        return ""
+    return f"{value:,.0f}" if abs(value) >= LARGE else f"{value:.4g}"
 
 
 def _signed(value: float, *, percent: bool) -> str:

@@ -1,10 +1,16 @@
-"""Numbers of two cells that compare: scores by view and seed, ratios of means."""
+"""Numbers of two cells that compare, and what may be said of them.
+
+Numbers are scores by view and seed, and ratios of means. A gain or a loss is called one only where
+the 95 % interval excludes zero. One view has no interval, so that nothing is claimed of it; what
+prints as zero is called neither.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from statistics import fmean, median
 
 from reports.rows import clock, statistics
+from reports.rows.columns import signed
 from reports.rows.schema import Cell, Row, held_out_views
 from reports.rows.statistics import Interval
 from reports.tables.notes import parts_known
@@ -12,6 +18,20 @@ from reports.tables.origins import machine_of
 
 BASE, CONTROL = "3dgs", "3dgs-tuned"
 ANYWHERE = ("size_mb", "splats")  # the same on every machine; all else is a matter of speed
+GAINS, LOSES, UNSURE = "gains", "loses", "does not measurably differ"
+TINY, ONE_VIEW = "differs by less than 0.01 dB", "cannot be told apart by one view"
+KINDS = (GAINS, LOSES, UNSURE, TINY, ONE_VIEW)  # of a difference that was measured
+OTHER_SCORE, NO_VIEW = "is not measured by the same score", "has no view in common"
+PREPOSITIONS = {
+    GAINS: "over",
+    LOSES: "against",
+    UNSURE: "from",
+    TINY: "from",
+    ONE_VIEW: "from",
+    OTHER_SCORE: "as",
+    NO_VIEW: "with",
+}
+PRINTED_AS_ZERO = 0.005  # dB: rounded to two digits
 
 
 def view_scores(cell: Cell, metric: str) -> dict[tuple[str, int], float]:
@@ -105,3 +125,28 @@ def compare(
             comparison = replace(comparison, median=median(by_view.values()))
         out.append(comparison)
     return out
+
+
+def kind_of(quality: Interval) -> str:
+    """Return what a method does: one of :data:`KINDS`."""
+    if quality.samples < 2:
+        return ONE_VIEW
+    if not quality.excludes_zero():
+        return UNSURE
+    if abs(quality.mean) < PRINTED_AS_ZERO:
+        return TINY
+    return GAINS if quality.mean > 0 else LOSES
+
+
+def quality_words(comparison: Comparison) -> str:
+    """Return a verb with its number, where it was measured, and the preposition of the base."""
+    where = "inside the mask" if comparison.metric == "mask_psnr" else "over the full frame"
+    quality = comparison.quality
+    if quality is None:
+        return f"{NO_VIEW} {PREPOSITIONS[NO_VIEW]}"
+    kind = kind_of(quality)
+    if kind in (GAINS, LOSES):
+        return f"{kind} {abs(quality.mean):.2f} dB {where} {PREPOSITIONS[kind]}"
+    if kind == TINY:
+        return f"{kind} {where} {PREPOSITIONS[kind]}"
+    return f"{kind} {where} ({signed(quality.mean)} dB) {PREPOSITIONS[kind]}"

@@ -25,20 +25,26 @@ from reports.rows.schema import (
     refused,
 )
 from reports.tables.notes import parts_known
-from reports.tables.pairs import BASE, CONTROL, Comparison, compare, ratio, view_scores
+from reports.tables.pairs import (
+    BASE,
+    CONTROL,
+    KINDS,
+    NO_VIEW,
+    OTHER_SCORE,
+    PREPOSITIONS,
+    Comparison,
+    compare,
+    kind_of,
+    quality_words,
+    ratio,
+    view_scores,
+)
 
 NEGLIGIBLE = 0.01  # ratios closer to one than this are called equal
 IN_HEADLINE = 2  # methods; the others stand among the details
 PREFERRED = ("nobg", "original")  # the headline is about the paper's proposal where it was run
 WHERE = {"nobg": "without its background", "original": "with its background"}
 OVER_ALL = {"nobg": "Without backgrounds", "original": "With backgrounds"}
-PREPOSITIONS = {
-    "gains": "over",
-    "loses": "against",
-    "does not measurably differ": "from",
-    "is not measured by the same score": "as",
-    "has no view in common": "with",
-}
 
 
 @dataclass(frozen=True)
@@ -95,16 +101,13 @@ def _over_all(
     metrics = Counter(c.metric for c in comparisons if c.quality is not None)
     metric = metrics.most_common(1)[0][0] if metrics else comparisons[0].metric
     measured = [c.quality for c in comparisons if c.quality is not None and c.metric == metric]
-    sure = [quality for quality in measured if quality.excludes_zero()]
-    gains = sum(quality.mean > 0 for quality in sure)
+    found = Counter(kind_of(quality) for quality in measured)
     counts = _counts(
         comparisons[0].base,
         {
-            "gains": gains,
-            "loses": len(sure) - gains,
-            "does not measurably differ": len(measured) - len(sure),
-            "is not measured by the same score": metrics.total() - len(measured),
-            "has no view in common": len(comparisons) - metrics.total(),
+            **{kind: found[kind] for kind in KINDS},
+            OTHER_SCORE: metrics.total() - len(measured),
+            NO_VIEW: len(comparisons) - metrics.total(),
         },
     )
     means = [quality.mean for quality in measured]
@@ -183,22 +186,11 @@ def _of_capture(name: str, selected: Sequence[Cell], timer: str) -> Verdict:
 
 
 def _headline(comparison: Comparison, control: Comparison | None) -> str:
-    words = f"{method_name(comparison.method)} {_quality_words(comparison)} {method_name(BASE)}"
+    words = f"{method_name(comparison.method)} {quality_words(comparison)} {method_name(BASE)}"
     words += _cost_words(comparison)
     if control is None:
         return words
-    return f"{words}, and {_quality_words(control)} {method_name(CONTROL)}"
-
-
-def _quality_words(comparison: Comparison) -> str:
-    where = "inside the mask" if comparison.metric == "mask_psnr" else "over the full frame"
-    quality = comparison.quality
-    if quality is None:
-        return "has no view in common with"
-    if not quality.excludes_zero():
-        return f"does not measurably differ {where} ({signed(quality.mean)} dB) from"
-    verb, preposition = ("gains", "over") if quality.mean > 0 else ("loses", "against")
-    return f"{verb} {abs(quality.mean):.2f} dB {where} {preposition}"
+    return f"{words}, and {quality_words(control)} {method_name(CONTROL)}"
 
 
 def _cost_words(comparison: Comparison) -> str:
@@ -212,7 +204,8 @@ def _cost_words(comparison: Comparison) -> str:
             words = saved if times < 1 else cost
             parts.append(words.format(f"{percent} %", article=_article(percent)))
     if not parts:
-        return " at the same size" + (" and time" if comparison.time is not None else "")
+        same = [w for w, r in (("size", comparison.size), ("time", comparison.time)) if r]
+        return f" at the same {' and '.join(same)}" if same else ""
     return ", with " + " and ".join(parts)
 
 

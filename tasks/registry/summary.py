@@ -19,6 +19,7 @@ from tasks.registry import runs
 from tasks.registry.content import description
 from tasks.registry.project import experiment_name
 from tasks.registry.run_of_row import RECORDED_TAG, Row
+from tasks.stages.stage import Cell
 
 SUMMARY_TAG = "mattgs.summary"
 ROWS_FILE = "rows.json"
@@ -91,9 +92,9 @@ def _note(report: Path) -> str:
 def report_rows(tracking_uri: str, benchmark: str) -> list[Row]:
     """Return the rows that a benchmark's report is made of.
 
-    They are those of its summary; where runs have ended since, or none was recorded, the newest
-    row of each experiment, newest first. Raises :class:`InputError` when there is no such
-    benchmark.
+    They are those of its summary, which the newest run of the benchmark wrote; where experiments
+    have ended since, or none was recorded, the newest row of each, newest first. Raises
+    :class:`InputError` when there is no such benchmark.
     """
     from mlflow.tracking import MlflowClient
 
@@ -112,6 +113,26 @@ def report_rows(tracking_uri: str, benchmark: str) -> list[Row]:
     if not newest:
         raise InputError(f"benchmark {benchmark!r} has no recorded experiment yet")
     return list(newest.values())
+
+
+def not_reported(tracking_uri: str, benchmark: str, rows: Sequence[Row]) -> int:
+    """Count the recorded experiments that are none of ``rows``: the newest run lacked them."""
+    from mlflow.tracking import MlflowClient
+
+    client: Any = MlflowClient(tracking_uri=tracking_uri)
+    found = client.get_experiment_by_name(experiment_name(benchmark))
+    known = {_place(str(Cell.of(row)), row) for row in rows}
+    recorded = {
+        _place(run.info.run_name, run.data.tags)
+        for run in runs.pages(client, found.experiment_id)
+        if run.info.status in ("FINISHED", "FAILED")
+    }
+    return len(recorded - known)
+
+
+def _place(name: str, settings: Mapping[str, Any]) -> tuple[str, str, str]:
+    """Return an experiment's place in the benchmark, of a row or of its run's tags."""
+    return name, str(settings["iterations"]), str(settings["resolution"])
 
 
 def fetch(tracking_uri: str, rows: Sequence[Row], root: Path) -> Path:

@@ -80,6 +80,20 @@ def test_there_is_one_summary_with_the_report_in_it(out: Path) -> None:
     assert {"report/report.html", "report/tables", "report/figures"} <= names
 
 
+def test_experiments_that_the_newest_run_did_not_have_are_counted(out: Path) -> None:
+    experiment = runs.open_benchmark(uri_of(out), "part", out / "mlflow-artifacts")
+    row = summary.report_rows(uri_of(out), "toy")[0]
+    bare = row | {"benchmark": "part", "artifacts": {}, "run_id": None}
+    both = [bare, bare | {"iterations": 9}]
+    ids = [runs.record(uri_of(out), experiment, one, parameters={}) for one in both]
+    known = [one | {"run_id": run} for one, run in zip(both, ids, strict=True)]
+    summary.record_summary(uri_of(out), experiment, "part", known, out / "first/tables")
+    assert "left out" not in rebuild_report("part", out).read_text(encoding="utf-8")
+    summary.record_summary(uri_of(out), experiment, "part", known[:1], out / "first/tables")
+    text = (rebuild_report("part", out).parent / "report.md").read_text(encoding="utf-8")
+    assert "1 recorded experiment is left out: the newest run of the benchmark did not" in text
+
+
 def test_a_run_that_ended_after_the_summary_is_not_left_out(out: Path) -> None:
     experiment = runs.open_benchmark(uri_of(out), "late", out / "mlflow-artifacts")
     row = summary.report_rows(uri_of(out), "toy")[0]

@@ -6,11 +6,9 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
-import pytest
-from matplotlib.figure import Figure
 from PIL import Image
 
-from reports.figures.budgets import _logarithmic, budget_curves
+from reports.figures.budgets import budget_curves
 from reports.figures.plots import style
 from reports.page.build import build
 from reports.tables.side_tables import BUDGETS, all_tables
@@ -76,17 +74,6 @@ def test_times_of_several_machines_are_no_curve(
     assert "Times are left out: they are of different machines." in two.caption
     heights = [len(plt.imread(saved.png)) for saved in (one, two)]
     assert heights[1] < 0.7 * heights[0], "a row less"
-
-
-@pytest.mark.parametrize(
-    ("low", "high"), [(2.1, 4.9), (11, 19), (21, 29), (0.52, 0.97), (30, 47), (2.01, 10.1), (1, 80)]
-)
-def test_an_axis_has_two_labels_at_least(low: float, high: float) -> None:
-    axes = Figure().subplots()
-    axes.plot([low, high], [0, 1])
-    _logarithmic(axes)
-    ends = axes.get_xlim()
-    assert sum(ends[0] <= tick <= ends[1] for tick in axes.get_xticks()) >= 2
 
 
 def test_the_figure_draws_every_method(make_row: Callable[..., Row], tmp_path: Path) -> None:

@@ -89,6 +89,46 @@ def test_the_legend_of_curves_has_every_columns_methods(
     assert len({str(handle.get_label()) for handle in handles}) == len(handles) == 4
 
 
+def test_the_axes_of_curves_hold_numbers(
+    pictured: Pictured, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without mathematical text, which would stand there as it is written."""
+    drawn: list[Figure] = []
+    monkeypatch.setattr(plots, "legend", lambda figure, _: drawn.append(figure))
+    rows, root = pictured
+    curves_of(rows, root, tmp_path)
+    (figure,) = drawn
+    figure.draw_without_rendering()
+    texts = [
+        label.get_text()
+        for axes in figure.axes
+        for minor in (False, True)
+        for label in (*axes.get_xticklabels(minor=minor), *axes.get_yticklabels(minor=minor))
+    ]
+    assert any(texts)
+    assert not [text for text in texts if "$" in text]
+
+
+def test_a_dot_in_a_name_begins_no_suffix(tmp_path: Path) -> None:
+    saved = [
+        plots.save(Figure(), tmp_path, f"figure-masks-cup.{name}", "") for name in ("v1", "v2")
+    ]
+    assert [one.png.name for one in saved] == ["figure-masks-cup.v1.png", "figure-masks-cup.v2.png"]
+    assert sorted(path.suffix for path in tmp_path.iterdir()) == [".pdf", ".pdf", ".png", ".png"]
+
+
+def test_a_narrow_figure_grows_to_its_longest_name() -> None:
+    with plots.style():
+        figure = Figure(figsize=(3, 3))
+        figure.subplots()
+        name = "weighted-by-the-residual-of-the-last-hundred-steps"
+        plots.legend(figure, [Line2D([], [], label=f"{name}, no background")])
+        figure.draw_without_rendering()
+    (box,) = (one.get_window_extent() for one in figure.legends)
+    assert box.x0 >= 0
+    assert box.x1 <= figure.bbox.x1
+
+
 def test_what_prints_alike_is_equal(make_grid: Callable[..., list[Row]]) -> None:
     mine = cells(make_grid(methods=("3dgs", "ours", "ours+")))
     names = ["rover", "hexapod", "lattepanda"]

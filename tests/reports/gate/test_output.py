@@ -1,6 +1,7 @@
 """What the gate prints and writes."""
 
 import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 from xml.etree import ElementTree
@@ -69,6 +70,46 @@ def test_a_finding_tells_what_each_side_had_in_a_cell_and_on_average(old: Rows) 
     told = {f["cell"]: (f["before"], f["after"]) for f in findings if f["metric"] == "psnr"}
     assert told["rover/original-3dgs@1000x320"] == (20, 19.5)
     assert told[ALL_CELLS] == (25.5, 25), "12 cells from 20 to 31"
+
+
+@pytest.mark.parametrize(
+    ("metric", "signed", "plain"),
+    [
+        ("psnr", (-0.5, -0.7, -0.3), (-0.5, -0.7, -0.3)),
+        ("l1", (-0.5, -0.7, -0.3), (0.5, 0.3, 0.7)),
+        ("fps", (0.25, 0.0, 0.5), (0.25, 0.0, 0.5)),
+        ("size_mb", (-0.2, -0.5, 0.25), (0.25, -0.2, 1.0)),
+        ("time", (1.0, -1.0, math.inf), (-0.5, -1.0, math.inf)),
+    ],
+)
+def test_people_read_the_change_from_before_to_after(
+    metric: str, signed: tuple[float, ...], plain: tuple[float, ...]
+) -> None:
+    mean, low, high = signed
+    read = output.plain_change(metric, statistics.Interval(mean, low, high, 3))
+    assert (read.mean, read.low, read.high) == pytest.approx(plain)
+
+
+def test_the_change_of_a_cost_is_that_of_its_numbers(old: Rows) -> None:
+    def grow(row: Row) -> None:
+        row["metrics"] |= {"size_mb": row["metrics"]["size_mb"] * 1.25, "splats": 23400.0}
+
+    report = compare(changed(old, grow), old)
+    size = next(f for f in report.findings if (f.metric, f.verdict) == ("size_mb", "worse"))
+    assert "change +25.0 %" in output.sentence(size)
+    (line,) = (
+        line
+        for line in output.terminal(report).splitlines()
+        if f"{size.cell} " in line and "size_mb" in line
+    )
+    assert "+25.0 %" in line
+    splats = next(f for f in report.findings if f.metric == "splats" and f.after)
+    assert "→ 23,400, change" in output.sentence(splats)
+    document = json.loads(output.to_json(report))
+    (told,) = (
+        f for f in document["findings"] if (f["cell"], f["metric"]) == (size.cell, "size_mb")
+    )
+    assert told["change"] == pytest.approx(-0.2), "for machines positive is better"
 
 
 def test_a_reason_of_many_lines_stays_in_its_row(

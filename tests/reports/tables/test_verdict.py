@@ -36,7 +36,7 @@ def of_seed(seed: int, row: Row, views: int, shift: float) -> Row:
 @pytest.mark.parametrize(
     ("views", "claim", "evidence"),
     [
-        (1, "does not measurably differ", "PSNR in mask +0.51 dB (one view: no interval)"),
+        (1, "cannot be told apart by one view", "PSNR in mask +0.51 dB (one view: no interval)"),
         (6, "gains 0.51 dB", "6 paired views)"),
     ],
 )
@@ -64,6 +64,38 @@ def test_a_difference_below_one_percent_is_called_none(
     make_row: Callable[..., Row], size: float, words: str
 ) -> None:
     assert words in verdict.verdicts(pair(make_row, [0.5] * 6, size_mb=4 * size))[0].headline
+
+
+def test_what_prints_as_zero_is_neither_gain_nor_loss(make_row: Callable[..., Row]) -> None:
+    def captures(shift: float) -> list[Row]:
+        rows = pair(make_row, [shift] * 6)
+        return [row | {"capture": name} for name in ("a", "b") for row in rows]
+
+    tiny, real = captures(-0.004), captures(-0.006)
+    assert "Ours differs by less than 0.01 dB inside the mask from 3DGS" in (
+        verdict.verdicts(tiny)[0].headline
+    )
+    assert "loses 0.01 dB" in verdict.verdicts(real)[0].headline
+    found = verdict.overall(tiny)
+    assert found is not None
+    assert "Ours differs by less than 0.01 dB from 3DGS on both captures" in found.headline
+
+
+def test_one_view_alone_claims_nothing_over_captures(make_row: Callable[..., Row]) -> None:
+    rows = [of_seed(0, row, 1, 0.0) for row in pair(make_row, [5.0] * 6)]
+    found = verdict.overall([row | {"capture": name} for name in "abc" for row in rows])
+    assert found is not None
+    assert "cannot be told apart by one view from 3DGS on all 3 captures" in found.headline
+
+
+def test_a_cost_that_is_not_known_is_not_called_the_same(make_row: Callable[..., Row]) -> None:
+    rows = pair(make_row, [0.5] * 6)
+    for row in rows:
+        row["metrics"] |= {"size_mb": 0.0}
+    assert verdict.verdicts(rows)[0].headline.endswith("3DGS at the same time.")
+    for row in rows:
+        row["metrics"] |= {"time": 0.0, "cpu_time": 0.0}
+    assert verdict.verdicts(rows)[0].headline.endswith("inside the mask over 3DGS.")
 
 
 @pytest.mark.parametrize(

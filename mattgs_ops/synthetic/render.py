@@ -63,7 +63,7 @@ class Making:
     test_samples: int = TEST_SAMPLES
 
     def __post_init__(self) -> None:
-        """Raise :class:`InputError` for unknown names and sizes that are not positive."""
+        """Raise :class:`InputError` for unknown names and numbers that are too small."""
         if self.name not in NAMES:
             raise InputError(f"capture {self.name!r}: expected one of {', '.join(NAMES)}")
         for field in ("views", "width", "height", "samples", "test_samples"):
@@ -71,8 +71,11 @@ class Making:
                 raise InputError(
                     f"{field}: expected a positive number, found {getattr(self, field)}"
                 )
-        if self.test_views < 0:
-            raise InputError(f"test_views: expected no negative number, found {self.test_views}")
+        for field in ("seed", "test_views"):
+            if getattr(self, field) < 0:
+                raise InputError(
+                    f"{field}: expected no negative number, found {getattr(self, field)}"
+                )
 
 
 @dataclass(frozen=True)

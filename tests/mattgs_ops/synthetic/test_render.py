@@ -196,6 +196,7 @@ def test_light_is_developed_to_srgb() -> None:
         ({"name": "castle"}, "'castle': expected one of rover"),
         ({"name": "rover", "views": 0}, "views: expected a positive number, found 0"),
         ({"name": "rover", "test_views": -1}, "test_views: expected no negative number"),
+        ({"name": "rover", "seed": -1}, "seed: expected no negative number, found -1"),
     ],
 )
 def test_bad_requests_are_refused(options: dict[str, Any], message: str) -> None:

@@ -9,7 +9,6 @@ as it is; a killed run goes on with the next view. Nothing here is ever trained 
 rule of the pipeline was chosen on :data:`JUDGING_SETS`: they say what the choices are worth.
 """
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
@@ -22,6 +21,7 @@ from PIL import Image as PilImage
 from mattgs_ops.errors import InputError
 from mattgs_ops.progress import Progress, no_progress
 from mattgs_ops.synthetic import cameras
+from mattgs_ops.synthetic.made_file import FILE, check_same, write_made
 from mattgs_ops.synthetic.render import (
     EXPOSURE,
     QUALITY,
@@ -132,14 +132,14 @@ def render_sets(
 
 def _render_set(one: EvaluationSet, out: Path, views: int, made: dict[str, object]) -> None:
     """Render one set; its listing is written last and names the views that are there."""
-    _same_making(out / "made.json", made)
+    check_same(out / FILE, made, "a set")
     step = WALK // views
     wanted = [k for k in range(0, WALK, step) if not (out / "masks" / f"{k:04d}.jpg.png").exists()]
     poses, exposures = walk(one)
     if wanted:
         for folder in ("images", "masks"):
             (out / folder).mkdir(parents=True, exist_ok=True)
-        (out / "made.json").write_text(json.dumps(made) + "\n", encoding="utf-8")
+        write_made(out / FILE, made)
         shown = _TracedSet(one)
         for k in wanted:
             _render_view(shown, poses[k], exposures[k], k, out, made)
@@ -155,11 +155,6 @@ def _render_set(one: EvaluationSet, out: Path, views: int, made: dict[str, objec
     save_transforms(
         frames, int(str(made["width"])), int(str(made["height"])), out / "transforms.json"
     )
-
-
-def _same_making(path: Path, made: dict[str, object]) -> None:
-    if path.is_file() and (found := json.loads(path.read_text(encoding="utf-8"))) != made:
-        raise InputError(f"{path}: expected a set made with {made}, found {found}")
 
 
 def walk(one: EvaluationSet) -> tuple[list[Array], Array]:

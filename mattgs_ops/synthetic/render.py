@@ -30,6 +30,7 @@ from mattgs_ops.errors import InputError
 from mattgs_ops.progress import Progress, no_progress
 from mattgs_ops.synthetic import cameras
 from mattgs_ops.synthetic.denoise import denoise
+from mattgs_ops.synthetic.made_file import check_same, write_made
 from mattgs_ops.synthetic.surfaces.materials import Part, Stage
 from mattgs_ops.synthetic.surfaces.mesh import Array
 from mattgs_ops.synthetic.surroundings.desk import furnish
@@ -156,7 +157,7 @@ def render_capture(
     used = choose_variant(variant)
     total = making.views + making.test_views
     made = {**asdict(making), "variant": used}
-    _check_same(made, out / "object.json")
+    check_same(out / "object.json", made, "a capture")
     progress(0, total, f"building {making.name}")
     world = build_world(making)
     _begin(world, made, out)
@@ -186,22 +187,13 @@ def mask_path(out: Path, view: View) -> Path:
     return out / "masks" / f"{view.file}.png"
 
 
-def _check_same(made: dict[str, object], path: Path) -> None:
-    """Raise :class:`InputError` where ``object.json`` is of a capture that was made otherwise."""
-    if path.exists():
-        before = json.loads(path.read_text(encoding="utf-8"))
-        before = {key: before.get(key) for key in made}
-        if before != made:
-            raise InputError(f"{path}: expected a capture made with {made}, found {before}")
-
-
 def _begin(world: World, made: dict[str, object], out: Path) -> None:
     """Make the folders and ``object.json``."""
     for folder in ("images", "masks", "ids"):
         (out / folder).mkdir(parents=True, exist_ok=True)
     corners = np.concatenate(world.stage.corners)
     data = {**made, "unit": "centimetre", "corners": np.round(corners, 5).tolist()}
-    (out / "object.json").write_text(json.dumps(data) + "\n", encoding="utf-8")
+    write_made(out / "object.json", data)
 
 
 def _render_view(tracer: Tracer, view: View, making: Making, out: Path) -> None:
@@ -270,7 +262,10 @@ def save_transforms(
     path: Path,
     split: dict[str, list[str]] | None = None,
 ) -> None:
-    """Write nerfstudio's ``transforms.json`` of one pinhole, with lists of files of a ``split``."""
+    """Write nerfstudio's ``transforms.json`` of one pinhole, with lists of files of a ``split``.
+
+    The file appears whole or not at all.
+    """
     pinhole = cameras.intrinsics(width, height)
     data = {
         "camera_model": "PINHOLE",
@@ -283,4 +278,5 @@ def save_transforms(
         **(split or {}),
         "frames": frames,
     }
-    path.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+    with written_whole(path) as partial:
+        partial.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")

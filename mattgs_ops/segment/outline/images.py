@@ -1,6 +1,7 @@
 """Images and exact masks that the outline is trained on, drawn before the first step.
 
-Each source has a folder with ``images/NAME.*`` and ``masks/NAME.png``; what is there is kept.
+Each source has a folder with ``images/NAME.*``, ``masks/NAME.png`` and ``made.json``, the source's
+configuration. What is there of the same configuration is kept.
 """
 
 from pathlib import Path
@@ -16,6 +17,8 @@ from mattgs_ops.segment.outline.train_config import OutlineTrainConfig, PaintedC
 from mattgs_ops.segment.training_images.composites import Composites
 from mattgs_ops.segment.training_images.textures import Bank
 from mattgs_ops.segment.training_images.traced.places import render_places
+from mattgs_ops.synthetic.made_file import FILE, check_folder, write_made
+from mattgs_ops.whole_file import written_whole
 
 UNSEEN_SEED_SHIFT = 1_000_003  # of composites that no training of the recipe saw
 CROPS_EACH = 4
@@ -26,7 +29,8 @@ def draw_images(
 ) -> list[Path]:
     """Draw what is not there yet and return the sources' folders.
 
-    Raises :class:`InputError` where views are to be rendered and Mitsuba is not installed.
+    Raises :class:`InputError` for a folder whose images are of another configuration or tell of
+    none, and where views are to be rendered and Mitsuba is not installed.
     """
     folders = []
     if config.painted:
@@ -51,13 +55,22 @@ def unseen_crops(config: OutlineTrainConfig, count: int) -> NDArray[np.float32]:
 
 
 def _paint(config: PaintedConfig, out: Path, progress: Progress) -> None:
+    made = config.model_dump(mode="json")
+    check_folder(out, made)
     for name in ("images", "masks"):
         (out / name).mkdir(parents=True, exist_ok=True)
+    write_made(out / FILE, made)
     source = Composites(config.seed, config.size, Bank(config.seed), world=config.world)
     for index in range(config.count):
         image, mask = (out / name / f"{index:04d}.png" for name in ("images", "masks"))
         if not image.is_file():
             drawn, truth = source.sample(index)
-            cv2.imwrite(str(mask), truth)
-            cv2.imwrite(str(image), drawn[..., ::-1])  # last: it says that both are there
+            _save(truth, mask)
+            _save(drawn[..., ::-1], image)  # last: it says that both are there
         progress(index + 1, config.count, "composites painted")
+
+
+def _save(pixels: NDArray[np.uint8], path: Path) -> None:
+    """Write a PNG that appears whole or not at all."""
+    with written_whole(path) as partial:
+        partial.write_bytes(cv2.imencode(".png", pixels)[1].tobytes())

@@ -18,7 +18,15 @@ import mattgs_ops
 from mattgs_ops.errors import InputError
 from mattgs_ops.synthetic import cameras, render
 from mattgs_ops.synthetic.objects import parts
-from mattgs_ops.synthetic.render import Making, develop, photograph, plan_views, render_capture
+from mattgs_ops.synthetic.render import (
+    Making,
+    World,
+    develop,
+    photograph,
+    plan_views,
+    render_capture,
+    save_transforms,
+)
 from mattgs_ops.synthetic.surfaces.materials import Part, Stage, plain, pose
 from mattgs_ops.synthetic.surfaces.mesh import box, quad
 from mattgs_ops.synthetic.surroundings import clutter
@@ -251,7 +259,7 @@ def interrupt(done: int, total: int, _text: str = "") -> None:
 
 def test_an_interrupted_rendering_goes_on_and_ends_with_the_split(capture: Path) -> None:
     assert not (capture / "transforms.json").exists()
-    with pytest.raises(InputError, match="expected a capture made with"):
+    with pytest.raises(InputError, match=r"expected a capture made with seed 1, found seed 0$"):
         render_capture(replace(SMALL, seed=1), capture, variant="scalar_rgb")
     before = {path: path.stat().st_mtime_ns for path in capture.glob("images/*")}
     render_capture(SMALL, capture, variant="scalar_rgb")
@@ -264,3 +272,23 @@ def test_an_interrupted_rendering_goes_on_and_ends_with_the_split(capture: Path)
         mask = np.asarray(Image.open(capture / frame["mask_path"]))
         assert ((mask > 0) & (mask < 255)).any(), "coverage, not only in or out"
     assert [path.name for path in (capture / "ids").iterdir()] == ["test_0000.jpg.png"]
+
+
+def test_a_kill_while_a_listing_is_written_leaves_the_one_before(
+    stage: Stage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    listing, write = tmp_path / "transforms.json", Path.write_text
+    save_transforms([], 64, 48, listing)
+    before = listing.read_text()
+
+    def killed(path: Path, data: str, **options: str) -> int:
+        write(path, data[:5], **options)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Path, "write_text", killed)
+    with pytest.raises(KeyboardInterrupt):
+        save_transforms([{"file_path": "a.jpg"}], 64, 48, listing)
+    with pytest.raises(KeyboardInterrupt):
+        render._begin(World(stage, 0.0, 1.0, []), {"name": "rover"}, tmp_path)
+    assert [path.name for path in tmp_path.iterdir() if path.is_file()] == ["transforms.json"]
+    assert listing.read_text() == before

@@ -9,6 +9,7 @@ sets are: other desks and grounds (other seeds), random objects, never one of th
 
     images/NAME.jpg  masks/NAME.png  views with an object, and its exact mask
     empty/NAME.jpg   placeNN.json    views without, to paint objects on, and their cameras
+    made.json                        the configuration, as far as it decides what is traced
 """
 
 import json
@@ -28,7 +29,9 @@ from mattgs_ops.segment.training_images.textures import Bank
 from mattgs_ops.segment.training_images.things import OBJECTS
 from mattgs_ops.segment.training_images.traced.objects import put_figure, put_thing
 from mattgs_ops.segment.training_images.traced.rooms import Room, lay_room, put_random
+from mattgs_ops.synthetic.made_file import FILE, check_folder, write_made
 from mattgs_ops.synthetic.tracer import GRID
+from mattgs_ops.whole_file import written_whole
 
 if TYPE_CHECKING:  # Mitsuba is an extra
     from collections.abc import Callable
@@ -49,14 +52,18 @@ ROOM_GRID = 3  # samples per pixel and direction of a room's mask; the tracer's 
 MIDRIFF = 6.0  # centimetres above its foot that an object is focused at
 MIDDLE = (0.06, 0.45)  # linear brightness that a camera gives the middle of what it measures
 SEEN = 0.005  # of a photo: an object that covers less is hidden by something, the view is dropped
+MIXING = {"share", "backdrops", "pasted"}  # settings of how the views are used, not traced
 SPAN = (0.45, 0.96)  # share of the frame that a photographer gives the object
 
 
 def render_places(config: RenderedConfig, out: Path, *, progress: Progress = no_progress) -> None:
     """Trace all places that are not there yet; a killed run goes on with the next one.
 
-    Raises :class:`InputError` when there is one to trace and Mitsuba is not installed.
+    Raises :class:`InputError` for a folder whose places are of another configuration or tell of
+    none, and when there is one to trace and Mitsuba is not installed.
     """
+    made = config.model_dump(mode="json", exclude=MIXING)
+    check_folder(out, made)
     places = [out / f"place{place:02d}.json" for place in range(config.places)]
     if all(done.is_file() for done in places):
         return
@@ -71,10 +78,12 @@ def render_places(config: RenderedConfig, out: Path, *, progress: Progress = no_
         ) from error
     for folder in ("images", "masks", "empty"):
         (out / folder).mkdir(parents=True, exist_ok=True)
+    write_made(out / FILE, made)
     for place, done in enumerate(places):
         if not done.is_file():
             cameras = _place(config, place, out)
-            done.write_text(json.dumps(cameras), encoding="utf-8")
+            with written_whole(done) as partial:
+                partial.write_text(json.dumps(cameras), encoding="utf-8")
         progress(place + 1, len(places), "places rendered")
 
 

@@ -12,8 +12,11 @@ pytest.importorskip("mitsuba", reason="the `captures` extra is not installed")
 
 from mattgs_ops.errors import InputError
 from mattgs_ops.segment.network.train_config import RenderedConfig
+from mattgs_ops.segment.training_images.traced import places
 from mattgs_ops.segment.training_images.traced.backdrops import load_backdrops
-from mattgs_ops.segment.training_images.traced.places import PLAIN, _place, render_places
+from mattgs_ops.segment.training_images.traced.places import MIXING, PLAIN, _place, render_places
+from mattgs_ops.synthetic import tracer
+from mattgs_ops.synthetic.made_file import write_made
 from mattgs_ops.synthetic.surroundings.grounds import PLATE_HEIGHT
 from mattgs_ops.synthetic.tracer import choose_variant
 
@@ -76,9 +79,58 @@ def test_places_that_are_there_need_no_mitsuba(
 ) -> None:
     monkeypatch.setitem(sys.modules, "mitsuba", None)  # as if it were not installed
     config = RenderedConfig(desks=1, plain=1)
-    (tmp_path / "place00.json").write_text("{}")
     with pytest.raises(InputError, match="expected Mitsuba to trace training views"):
         render_places(config, tmp_path)
-    (tmp_path / "place01.json").write_text("{}")
+    assert not list(tmp_path.iterdir())
+    traced_before(tmp_path, config)
     render_places(config, tmp_path)
     assert not (tmp_path / "images").exists()
+
+
+def traced_before(folder: Path, config: RenderedConfig) -> None:
+    """Leave what an earlier tracing of all places leaves, but for its images."""
+    write_made(folder / "made.json", config.model_dump(mode="json", exclude=MIXING))
+    for place in range(config.places):
+        (folder / f"place{place:02d}.json").write_text("{}")
+
+
+@pytest.mark.parametrize(("field", "value"), [("desks", 1), ("plain", 0), ("width", 64)])
+def test_places_of_another_configuration_are_refused(
+    tmp_path: Path, field: str, value: int
+) -> None:
+    config = RenderedConfig(desks=2, plain=1, width=32)
+    traced_before(tmp_path, config)
+    message = rf"made\.json: expected images made with {field} {value}, found {field} \d+$"
+    with pytest.raises(InputError, match=message):
+        render_places(config.model_copy(update={field: value}), tmp_path)
+    render_places(config.model_copy(update={"share": 0.1, "backdrops": 0, "pasted": 1}), tmp_path)
+
+
+def test_places_that_tell_of_no_configuration_are_refused(tmp_path: Path) -> None:
+    config = RenderedConfig(desks=1)
+    traced_before(tmp_path, config)
+    (tmp_path / "made.json").unlink()
+    with pytest.raises(InputError, match=r"expected made\.json beside the images"):
+        render_places(config, tmp_path)
+
+
+def test_a_kill_while_cameras_are_written_leaves_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(places, "_place", lambda *_: {"a.jpg": {"top": 0.0}})
+    monkeypatch.setattr(tracer, "choose_variant", lambda: "scalar_rgb")
+    config, write = RenderedConfig(desks=2), Path.write_text
+
+    def killed(path: Path, data: str, **options: str) -> int:
+        if path.name.startswith("place01"):
+            write(path, data[:5], **options)
+            raise KeyboardInterrupt
+        return write(path, data, **options)
+
+    monkeypatch.setattr(Path, "write_text", killed)
+    with pytest.raises(KeyboardInterrupt):
+        render_places(config, tmp_path)
+    assert [path.name for path in tmp_path.glob("place*")] == ["place00.json"]
+    monkeypatch.setattr(Path, "write_text", write)
+    render_places(config, tmp_path)
+    assert json.loads((tmp_path / "place01.json").read_text()) == {"a.jpg": {"top": 0.0}}

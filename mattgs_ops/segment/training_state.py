@@ -1,8 +1,12 @@
-"""What every training of a network keeps: a moving average, a checkpoint, a curve."""
+"""What every training of a network begins with and keeps.
+
+Weights to go on from, a moving average, a checkpoint, a curve.
+"""
 
 import csv
 from collections.abc import Mapping
 from pathlib import Path
+from textwrap import shorten
 from typing import Any
 
 import torch
@@ -11,6 +15,27 @@ from torch.optim.swa_utils import get_ema_multi_avg_fn
 
 from mattgs_ops.errors import InputError
 from mattgs_ops.whole_file import written_whole
+
+MOST_TOLD = 200  # characters of what torch says about weights: it lists every layer
+
+
+def load_weights(model: nn.Module, path: Path, name: str) -> None:
+    """Load a ``.pth`` of the network called ``name``, strictly.
+
+    Raises :class:`InputError` naming the file when it cannot be read or holds other layers.
+    """
+    try:
+        state = torch.load(path, map_location="cpu", weights_only=True)
+    except Exception as error:  # torch raises a dozen types for a broken file
+        told = shorten(str(error), MOST_TOLD)
+        raise InputError(f"{path}: expected a file of PyTorch weights: {told}") from error
+    if not isinstance(state, dict):
+        raise InputError(f"{path}: expected a table of tensors, found {type(state).__name__}")
+    try:
+        model.load_state_dict(state, strict=True)
+    except Exception as error:  # and some for a table of other things
+        told = shorten(str(error), MOST_TOLD)
+        raise InputError(f"{path}: expected the layers of {name}: {told}") from error
 
 
 @torch.no_grad()
@@ -54,6 +79,18 @@ def read_checkpoint(path: Path, identity: str, device: torch.device) -> dict[str
             "give the training a folder of its own"
         )
     return state
+
+
+def keep_rows(path: Path, fields: tuple[str, ...], step: int) -> None:
+    """Drop a curve's rows after ``step``, its first field: going on from there repeats them."""
+    if not path.is_file():
+        return
+    with path.open(newline="", encoding="utf-8") as file:
+        rows = list(csv.reader(file))
+    # a killed process may have left half a line at the end
+    kept = [r for r in rows[1:] if len(r) == len(fields) and r[0].isdigit() and int(r[0]) <= step]
+    with written_whole(path) as partial, partial.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerows([fields, *kept])
 
 
 def log_row(path: Path, fields: tuple[str, ...], row: Mapping[str, float]) -> None:

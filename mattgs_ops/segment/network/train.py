@@ -31,6 +31,7 @@ from mattgs_ops.segment.training_images.composites import Image
 from mattgs_ops.segment.training_images.traced.places import render_places
 from mattgs_ops.segment.training_state import (
     follow,
+    keep_rows,
     log_row,
     read_checkpoint,
     save_checkpoint,
@@ -68,11 +69,12 @@ def train(
     torch.set_num_threads(config.threads)
     cv2.setNumThreads(1)  # not beside torch's threads on a shared machine
     torch.manual_seed(config.seed)
+    run = _Run(config, out)  # before what takes long: it refuses weights and checkpoints
+    run.resume()
     if config.rendered:
         render_places(config.rendered, out / "rendered", progress=progress)
     batches = Batches(config, out / "rendered")
-    run = _Run(config, out)
-    run.resume()
+    keep_rows(out / "curve.csv", CURVE_FIELDS, run.step)
     began, before = time.perf_counter(), run.seconds
     scores: dict[str, float] = {}
     for images, masks in batches_ahead(batches, out / "rendered", run.step):

@@ -17,7 +17,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from mattgs_ops.errors import InputError
+from mattgs_ops.segment import training_state
 
 Variant = Literal["u2net", "u2netp"]
 
@@ -147,13 +147,4 @@ def load_weights(model: U2Net, path: Path) -> None:
 
     Raises :class:`InputError` naming the file when it cannot be read or holds other layers.
     """
-    try:
-        state = torch.load(path, map_location="cpu", weights_only=True)
-    except Exception as error:  # torch raises a dozen types for a broken file
-        raise InputError(f"{path}: expected a file of PyTorch weights: {error}") from error
-    if not isinstance(state, dict):
-        raise InputError(f"{path}: expected a table of tensors, found {type(state).__name__}")
-    try:
-        model.load_state_dict(state, strict=True)
-    except RuntimeError as error:
-        raise InputError(f"{path}: expected the layers of {model.variant}: {error}") from error
+    training_state.load_weights(model, path, model.variant)

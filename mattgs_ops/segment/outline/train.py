@@ -18,7 +18,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from mattgs_ops.errors import StageError
+from mattgs_ops.errors import InputError, StageError
 from mattgs_ops.progress import Progress, no_progress
 from mattgs_ops.segment.onnx_file import write_model
 from mattgs_ops.segment.outline.crops import Drawn, Pair, batch, load_pairs
@@ -27,6 +27,8 @@ from mattgs_ops.segment.outline.network import MULTIPLE, OutlineNet
 from mattgs_ops.segment.outline.train_config import OutlineTrainConfig
 from mattgs_ops.segment.training_state import (
     follow,
+    keep_rows,
+    load_weights,
     log_row,
     read_checkpoint,
     save_checkpoint,
@@ -50,17 +52,18 @@ def train(
 ) -> Path:
     """Train to the last step, from ``out/checkpoint.pt`` where it exists; returns the ONNX file.
 
-    Raises :class:`InputError` for a checkpoint of another configuration and :class:`StageError`
-    when the loss stops being a number.
+    Raises :class:`InputError` for weights, images or a checkpoint of another configuration and
+    :class:`StageError` when the loss stops being a number.
     """
     out.mkdir(parents=True, exist_ok=True)
     torch.set_num_threads(config.threads)
     cv2.setNumThreads(1)  # not beside torch's threads on a shared machine
     torch.manual_seed(config.seed)
-    sources = [load_pairs(folder) for folder in draw_images(config, out, progress=progress)]
-    held = [each[:: config.hold_out] for each in sources]
-    used = [[pair for k, pair in enumerate(each) if k % config.hold_out] for each in sources]
-    run = _Run(config, out / "checkpoint.pt")
+    run = _Run(config, out / "checkpoint.pt")  # before what takes long: it refuses files
+    folders = draw_images(config, out, progress=progress)
+    split = [_split(folder, config.hold_out) for folder in folders]
+    held, used = [each for each, _ in split], [each for _, each in split]
+    keep_rows(out / "curve.csv", CURVE_FIELDS, run.step)
     losses: list[float] = []
     for drawn in _batches_ahead(used, config, run.step):
         losses.append(run.advance(drawn))
@@ -74,6 +77,18 @@ def train(
         progress(run.step, config.steps, f"loss {losses[-1] if losses else 0:.3f}")
     torch.save(run.average.state_dict(), out / "outline.pth")
     return export(run.average, out / "outline.onnx")
+
+
+def _split(folder: Path, hold_out: int) -> tuple[list[Pair], list[Pair]]:
+    """Return the pairs that validate, one of ``hold_out``, and those that train."""
+    pairs = load_pairs(folder)
+    held, used = pairs[::hold_out], [pair for k, pair in enumerate(pairs) if k % hold_out]
+    if not used:
+        raise InputError(
+            f"{folder / 'images'}: expected two images with an object, as one of them validates, "
+            f"found {len(pairs)}"
+        )
+    return held, used
 
 
 def export(model: OutlineNet, path: Path) -> Path:
@@ -111,7 +126,7 @@ class _Run:
         self.config, self.path, self.step = config, path, 0
         model = OutlineNet()
         if config.start_from:
-            model.load_state_dict(torch.load(config.start_from, weights_only=True))
+            load_weights(model, config.start_from, "the outline's network")
         self.model = model.train()
         self.average = deepcopy(self.model).eval()
         self.optimiser = torch.optim.Adam(self.model.parameters(), lr=config.lr)

@@ -13,7 +13,7 @@ from mattgs_ops.segment.network.train_config import RenderedConfig, WorldConfig
 class PaintedConfig(Frozen):
     """Composites that are drawn before the first step; see ``training_images.composites``."""
 
-    count: int = Field(500, ge=1)
+    count: int = Field(500, ge=2, description="one of them validates, at least")
     size: int = Field(640, ge=32, description="side, pixels: photos' resolution, not a network's")
     world: WorldConfig = WorldConfig()
     seed: int = Field(777, ge=0)

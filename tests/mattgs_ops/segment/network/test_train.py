@@ -58,7 +58,7 @@ class StoppedError(Exception):
 
 def test_loss_falls_and_a_killed_run_goes_on_as_if_never_stopped(tmp_path: Path) -> None:
     data = photos(tmp_path / "data")
-    settings = config(data, steps=4, checkpoint_every=2, average=0.5)
+    settings = config(data, steps=4, checkpoint_every=2, average=0.5, validate_every=1)
     losses: list[float] = []
 
     def listen(_done: int, _total: int, note: str) -> None:
@@ -76,6 +76,7 @@ def test_loss_falls_and_a_killed_run_goes_on_as_if_never_stopped(tmp_path: Path)
     with pytest.raises(StoppedError):
         train(settings, tmp_path / "broken", progress=stop)
     resumed = train(settings, tmp_path / "broken")
+    assert len({(tmp_path / run / "curve.csv").read_text() for run in ("whole", "broken")}) == 1
     expected = torch.load(whole.weights, weights_only=True)
     found = torch.load(resumed.weights, weights_only=True)
     for key, value in expected.items():

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import torch
@@ -67,7 +68,12 @@ def test_a_killed_run_goes_on_as_if_never_stopped(tmp_path: Path) -> None:
 
     with pytest.raises(StoppedError):
         train(settings, tmp_path / "broken", progress=stop)
+    before = (tmp_path / "broken" / "curve.csv").read_text().splitlines()
+    with (tmp_path / "broken" / "curve.csv").open("a") as file:
+        file.write("4,0.5,0.5,0.5,0.5\n")  # as a kill before the checkpoint of step 4 leaves it
     train(settings, tmp_path / "broken")
+    assert before == lines[:2]
+    assert (tmp_path / "broken" / "curve.csv").read_text().splitlines() == lines
     expected, found = (
         torch.load(tmp_path / name / "outline.pth", weights_only=True)
         for name in ("whole", "broken")
@@ -76,6 +82,48 @@ def test_a_killed_run_goes_on_as_if_never_stopped(tmp_path: Path) -> None:
         assert torch.equal(value, found[key]), key
     with pytest.raises(InputError, match="expected a checkpoint of this configuration"):
         train(config(4, lr=1e-3), tmp_path / "whole")
+
+
+@pytest.mark.parametrize(
+    ("state", "message"),
+    [
+        (None, r"start\.pth: expected a file of PyTorch weights"),
+        (torch.zeros(2), r"start\.pth: expected a table of tensors, found Tensor"),
+        ({"a": torch.zeros(1)}, r"start\.pth: expected the layers of the outline's network"),
+    ],
+)
+def test_weights_to_go_on_from_are_refused_before_images_are_drawn(
+    tmp_path: Path, state: object, message: str
+) -> None:
+    file = tmp_path / "start.pth"
+    file.write_text("step,train_loss\n")
+    if state is not None:
+        torch.save(state, file)
+    with pytest.raises(InputError, match=message) as refused:
+        train(config(1, start_from=file), tmp_path / "run")
+    assert len(str(refused.value).splitlines()) == 1
+    assert not list((tmp_path / "run").iterdir())
+
+
+def test_weights_are_gone_on_from(tmp_path: Path) -> None:
+    train(config(2), tmp_path / "first")
+    file = tmp_path / "first" / "outline.pth"
+    train(config(1, start_from=file, lr=1e-12, average=0.0), tmp_path / "second")
+    expected, found = (
+        torch.load(path, weights_only=True) for path in (file, tmp_path / "second" / "outline.pth")
+    )
+    torch.testing.assert_close(found["fine.0.weight"], expected["fine.0.weight"])
+
+
+def test_a_source_without_an_image_to_train_on_is_named(tmp_path: Path) -> None:
+    train(config(1), tmp_path)
+    (tmp_path / "checkpoint.pt").unlink()
+    for k in (1, 2):
+        (tmp_path / "painted" / "masks" / f"000{k}.png").write_bytes(
+            cv2.imencode(".png", np.zeros((64, 64), np.uint8))[1].tobytes()
+        )
+    with pytest.raises(InputError, match=r"painted/images: expected two images .* found 1$"):
+        train(config(1), tmp_path)
 
 
 def test_it_learns(tmp_path: Path) -> None:
@@ -101,6 +149,9 @@ def test_a_recipe_names_its_file_and_field(tmp_path: Path) -> None:
     assert loaded.start_from == tmp_path / "a.pth"
     assert loaded.painted is not None
     assert loaded.painted.count == 2
+    recipe.write_text("[painted]\ncount = 1")
+    with pytest.raises(InputError, match=r"r\.toml: `painted\.count`: .* equal to 2, found 1"):
+        load_outline_config(recipe)
     recipe.write_text("size = 33")
     with pytest.raises(InputError, match=r"r\.toml: `size`: .* multiple of 16.*found 33"):
         load_outline_config(recipe)

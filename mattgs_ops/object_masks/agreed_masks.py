@@ -4,7 +4,7 @@
 holds the decision, which views kept their own mask, and how much the others' changed.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -81,11 +81,8 @@ def write(
     shares, borders = [one.row.foreground for one in written], [one.border for one in written]
     flags = flags_of(shares, borders, differs)
     agreed_scene = Scene.load(out)
-    shared, contradict = masks_at_shared_points(agreed_scene, threads=threads)
-    reports = tuple(
-        replace(one.row, flags=(*flag, "contradicts") if one.row.name in contradict else flag)
-        for one, flag in zip(written, flags, strict=True)
-    )
+    rows = [replace(one.row, flags=flag) for one, flag in zip(written, flags, strict=True)]
+    reports, shared_points = _compared(agreed_scene, rows, threads)
     MaskReport(before.source, "votes", before.model, reports).save(out / "masks.json")
     points = vote(agreed_scene.views, read_model(out / "sparse" / "0"), threads=threads)
     points = visual_hull.with_random(points, scene.points(), agreed_scene.views)
@@ -99,7 +96,7 @@ def write(
             "kept": [one.row.name for one in written if one.overlap is None],
             "overlap": overlaps,
             "mean_iou_before": before.mean_iou,
-            "shared_points": {"share": shared.shared, "contradict": contradict},
+            "shared_points": shared_points,
         },
     }
     done = replace(agreed_scene, extra=extra)
@@ -128,11 +125,35 @@ def _write_view(
     return _Written(row, border_share(mask), overlap, empty=False)
 
 
-def keep(scene: Scene, out: Path, reason: str) -> Scene:
-    """Return the copy of ``scene`` in ``out`` as it is, with the reason."""
-    kept = replace(Scene.load(out), extra=dict(scene.extra) | {"agreement": {"none": reason}})
+def keep(scene: Scene, out: Path, before: MaskReport, reason: str, *, threads: int) -> Scene:
+    """Return the copy of ``scene`` in ``out`` with its masks as they are, and the reason.
+
+    They are tested at the points that two photos show all the same: a user's masks may be in the
+    wrong order.
+    """
+    copied = Scene.load(out)
+    reports, shared_points = _compared(copied, before.views, threads)
+    replace(before, views=reports).save(out / "masks.json")
+    agreement = {"none": reason, "shared_points": shared_points}
+    kept = replace(copied, extra=dict(scene.extra) | {"agreement": agreement})
     kept.save(scene.points())
     return kept
+
+
+def _compared(
+    scene: Scene, rows: Sequence[ViewReport], threads: int
+) -> tuple[tuple[ViewReport, ...], dict[str, Any]]:
+    """Test a scene's masks at the points that two photos show.
+
+    Returns the views' rows, those that contradict others flagged, and what ``extra["agreement"]``
+    holds as ``shared_points``.
+    """
+    shared, contradict = masks_at_shared_points(scene, threads=threads)
+    flagged = tuple(
+        replace(row, flags=(*row.flags, "contradicts")) if row.name in contradict else row
+        for row in rows
+    )
+    return flagged, {"share": shared.shared, "contradict": contradict}
 
 
 def _mask(soft: SoftMap, view: View, refiner: OutlineRefiner, *, plain_ground: bool) -> Mask:

@@ -58,13 +58,15 @@ def agree(
     """Write the scene with masks that agree to ``out`` and return it.
 
     Where the photos' maps share no object, or were not made by a network, the masks stay what they
-    were, and ``extra["agreement"]["none"]`` says why. Unregistered views keep their masks. A view
-    whose mask is empty in the end is named in ``extra["dropped"]``.
+    were, and ``extra["agreement"]["none"]`` says why; those that contradict each other at points
+    that two photos show are told all the same. Unregistered views keep their masks. A view whose
+    mask is empty in the end is named in ``extra["dropped"]``.
     """
     shutil.copytree(scene.folder, out, ignore=_single_networks, dirs_exist_ok=True)
     report = MaskReport.load(scene.folder / "masks.json")
     if report.source != "u2net":
-        return keep(scene, out, f"masks are {report.source}, nothing to vote on")
+        reason = f"masks are {report.source}, nothing to vote on"
+        return keep(scene, out, report, reason, threads=threads)
     views = [view for view in scene.views if view.camera is not None]
     cameras = [camera_at(view, silhouettes.SIDE) for view in views]
     trained = [view.split == "train" for view in views]
@@ -78,7 +80,7 @@ def agree(
         own = by_ground
         outlines = silhouettes.predict(cameras, list(map(shrunk, own, cameras)), trained)
     if outlines is None:
-        return keep(scene, out, "the photos' maps share no object")
+        return keep(scene, out, report, "the photos' maps share no object", threads=threads)
     splats = train_surfaces(
         scene, iterations=ITERATIONS, resolution=RESOLUTION, threads=threads, progress=progress
     )

@@ -1,6 +1,7 @@
 """What the delivered masks are cut by: the outline's network, called as it was trained."""
 
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -9,10 +10,13 @@ from numpy.typing import NDArray
 
 from mattgs_ops.capture.masks import Mask, SoftMap
 from mattgs_ops.object_masks import agreed_masks
+from mattgs_ops.object_masks.cross_view import agree
+from mattgs_ops.object_masks.doubts import of_masks
 from mattgs_ops.segment.mask_report import MaskReport
 from mattgs_ops.segment.outline.refine import OutlineRefiner
 from tests.mattgs_ops.object_masks.ball import HEIGHT, WIDTH, orbit, truth
 from tests.mattgs_ops.object_masks.test_cross_view import solved
+from tests.mattgs_ops.object_masks.test_shared_points import write_key_points
 
 RED = (0, 0, 200)  # as OpenCV writes it
 
@@ -70,3 +74,33 @@ def test_masks_are_scored_by_the_truth_without_the_lens_s_distortion(
     agreed = {view.name: soft for view, soft in zip(scene.views, maps, strict=True)}
     agreed_masks.write(scene, capture, tmp_path, report, agreed, {}, plain_ground=False, threads=1)
     assert MaskReport.load(tmp_path / "masks.json").means()["iou"] > 0.95
+
+
+@pytest.mark.parametrize(("wrong", "share"), [((), 1), ((1,), 10 / 20), ((1, 3), 7 / 23)])
+def test_masks_that_came_along_are_in_doubt_where_they_contradict_each_other(
+    tmp_path: Path, wrong: tuple[int, ...], share: float
+) -> None:
+    """All photos show one row of points, and each mask holds its left half, or wrongly its right.
+
+    Of 15 pairs of photos some agree on 40 points; the others hold 80, and none together.
+    """
+    maps = [np.zeros((HEIGHT, WIDTH), np.float32) for _ in range(6)]
+    for index, soft in enumerate(maps):
+        first = 40 if index in wrong else 0
+        soft[20:60, first : first + 40] = 1
+    scene, capture = solved(tmp_path / "in", "given", maps)
+    names = [view.name for view in scene.views]
+    same = np.stack([np.arange(80)] * 2, axis=1)
+    matches = dict.fromkeys(combinations(range(6), 2), same)
+    write_key_points(tmp_path / "in", names, [np.arange(80) + 0.5] * 6, matches, row=30.5)
+    done = agree(scene, capture, tmp_path / "out")
+    report = MaskReport.load(tmp_path / "out" / "masks.json")
+    shared = done.extra["agreement"]["shared_points"]
+    assert shared["share"] == pytest.approx(share)
+    assert sorted(shared["contradict"]) == [names[index] for index in wrong]
+    flags = {row.name: row.flags for row in report.flagged}
+    assert flags == {names[index]: ("contradicts",) for index in wrong}
+    told = [doubt.text for doubt in of_masks(report, done.extra) if doubt.serious]
+    assert ["contradict each other" in text for text in told] == [True] * (share < 0.5)
+    for path in (tmp_path / "in" / "masks").iterdir():
+        assert (tmp_path / "out" / "masks" / path.name).read_bytes() == path.read_bytes()

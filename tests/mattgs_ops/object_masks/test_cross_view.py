@@ -92,7 +92,8 @@ def test_masks_stay_and_the_scene_says_why(
         soft[20:40, 30:60] = 1
     scene, capture = solved(tmp_path / "in", source, maps)
     done = agree(scene, capture, tmp_path / "out")
-    assert done.extra["agreement"] == {"none": reason}
+    untested = {"share": None, "contradict": []}  # there are no matches
+    assert done.extra["agreement"] == {"none": reason, "shared_points": untested}
     assert done.dropped == ("1.jpg",)
     for view in done.views:
         before = tmp_path / "in" / "masks" / mask_name(view.name)

@@ -1,5 +1,6 @@
 """Masks of a scene are compared at the verified matches that structure-from-motion left."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import cv2
@@ -16,6 +17,27 @@ NAMES = ("a.jpg", "b.jpg", "c.jpg")
 COLUMNS = np.arange(40) + 0.5
 
 
+def write_key_points(
+    folder: Path,
+    names: Sequence[str],
+    columns: Sequence[np.ndarray],
+    matches: Mapping[tuple[int, int], np.ndarray],
+    row: float = 4.5,
+) -> None:
+    """Write key points, in these columns of a photo's row of pixels, and pairs' matches [M, 2]."""
+    xy = np.concatenate([np.stack([x, np.full(len(x), row)], axis=1) for x in columns])
+    np.savez(
+        folder / KEYPOINTS_FILE,
+        names=np.array(names),
+        counts=np.array([len(x) for x in columns]),
+        xy=xy.astype(np.float32),
+        inside=np.zeros(len(xy), bool),
+        pairs=np.array(list(matches), dtype=np.int64).reshape(-1, 2),
+        pair_counts=np.array([len(m) for m in matches.values()], dtype=np.int64),
+        matches=np.concatenate([np.zeros((0, 2)), *matches.values()]).astype(np.uint32),
+    )
+
+
 def scene(folder: Path, spans: list[tuple[int, int]], pairs: list[tuple[int, int]]) -> Scene:
     """Write masks that hold spans of columns, and key points, one a column.
 
@@ -29,17 +51,7 @@ def scene(folder: Path, spans: list[tuple[int, int]], pairs: list[tuple[int, int
     columns = [COLUMNS, np.concatenate([np.full(5, 0.5), COLUMNS]), COLUMNS[::-1]]
     rows = [np.arange(40), np.arange(40) + 5, np.arange(40)[::-1]]
     matches = [np.stack([rows[i], rows[j]], axis=1) for i, j in pairs]
-    xy = np.concatenate([np.stack([x, np.full(len(x), 4.5)], axis=1) for x in columns])
-    np.savez(
-        folder / KEYPOINTS_FILE,
-        names=np.array(NAMES),
-        counts=np.array([len(x) for x in columns]),
-        xy=xy.astype(np.float32),
-        inside=np.zeros(len(xy), bool),
-        pairs=np.array(pairs, dtype=np.int64).reshape(-1, 2),
-        pair_counts=np.array([len(m) for m in matches], dtype=np.int64),
-        matches=np.concatenate([np.zeros((0, 2), np.uint32), *matches]).astype(np.uint32),
-    )
+    write_key_points(folder, NAMES, columns, dict(zip(pairs, matches, strict=True)))
     return Scene("strips", folder, (), {})
 
 

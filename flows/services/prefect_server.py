@@ -45,7 +45,7 @@ class PrefectServer:
         self._fresh = not self._database.exists() and not _copied(self._database)
         self._address = home / "server.url"
         self._address.unlink(missing_ok=True)
-        command = [sys.executable, "-m", "flows.services.prefect_server"]
+        command = [sys.executable, "-P", "-m", "flows.services.prefect_server"]
         with log.open("ab") as output:
             self._process = subprocess.Popen(
                 [*command, str(self._address), str(os.getpid())],
@@ -112,15 +112,15 @@ def _copied(database: Path) -> bool:
     try:
         with written_whole(database) as partial:
             shutil.copyfile(_template(), partial)
-    except OSError:
+    except (OSError, RuntimeError):  # a user without a home has none either
         return False
     return True
 
 
 def _keep(database: Path) -> None:
     """Keep a database that nothing has been written to yet; without the right to, do nothing."""
-    template = _template()
-    with suppress(OSError, sqlite3.Error):
+    with suppress(OSError, RuntimeError, sqlite3.Error):
+        template = _template()
         template.parent.mkdir(parents=True, exist_ok=True)
         with (
             written_whole(template, by_many=True) as partial,

@@ -22,7 +22,10 @@ def configured() -> bool:
     """Whether the user has configured Prefect, in whatever way; imports nothing."""
     if any(key in os.environ for key in ("PREFECT_HOME", "PREFECT_PROFILES_PATH")):
         return True
-    if (Path.home() / HOME / "profiles.toml").is_file() or Path("prefect.toml").is_file():
+    with suppress(OSError, RuntimeError):  # no home, or one that is not ours to read
+        if (Path.home() / HOME / "profiles.toml").is_file():
+            return True
+    if Path("prefect.toml").is_file():
         return True
     with suppress(OSError, tomllib.TOMLDecodeError, UnicodeDecodeError):
         if "prefect" in tomllib.loads(Path("pyproject.toml").read_text("utf-8")).get("tool", {}):

@@ -55,7 +55,7 @@ def server(out: Path, port: int) -> Iterator[str]:
         folder.mkdir(parents=True, exist_ok=True)
     _check_free(port)
     url = f"http://127.0.0.1:{port}/api"
-    command = [sys.executable, "-m", "prefect", "server", "start"]
+    command = [sys.executable, "-P", "-m", "prefect", "server", "start"]
     command += ["--host", "127.0.0.1", "--port", str(port)]
     # the interface calls the API at its own address: any port, also a forwarded one
     environment = os.environ | {"PREFECT_HOME": str(home), "PREFECT_UI_API_URL": "/api"}

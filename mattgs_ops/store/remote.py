@@ -67,7 +67,8 @@ class RemoteStore:
         mark = f"{self._root}/{MARK}"
         text = json.dumps({"schema": SCHEMA}).encode()
         try:
-            self._files.makedirs(self._root, exist_ok=True)
+            if not self._whole:  # object stores have no folders; their buckets are not made here
+                self._files.makedirs(self._root, exist_ok=True)
             self._files.pipe_file(mark, text)
             found = self._files.cat_file(mark)
         except Exception as error:  # each protocol has its own
@@ -207,7 +208,7 @@ class RemoteStore:
 
     def _make_parent(self, path: str) -> None:
         folder = path.rpartition("/")[0]
-        if folder not in self._made:
+        if folder not in self._made and not self._whole:
             self._files.makedirs(folder, exist_ok=True)
             self._made.add(folder)
 

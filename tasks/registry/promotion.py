@@ -154,8 +154,7 @@ def _example_camera(client: Any, run_id: str, folder: Path) -> dict[str, Any] | 
 
 
 def _row(client: Any, run_id: str) -> Row:
-    path = client.download_artifacts(run_id, ROW_FILE)
-    return checked_row(json.loads(Path(path).read_text("utf-8")), f"run {run_id}: {ROW_FILE}")
+    return checked_row(run_of_row.read_json(client, run_id, ROW_FILE), f"run {run_id}: {ROW_FILE}")
 
 
 def _client(tracking_uri: str) -> Any:

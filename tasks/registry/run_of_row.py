@@ -6,6 +6,7 @@ those of the training, whenever it is recorded; when that was, the tag ``mattgs.
 
 import hashlib
 import json
+import tempfile
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -73,12 +74,18 @@ def has_row(client: Any, run_id: str) -> bool:
     return any(file.path == ROW_FILE for file in client.list_artifacts(run_id))
 
 
+def read_json(client: Any, run_id: str, file: str) -> Any:
+    """Return what a JSON file among a run's artifacts holds; leaves no copy behind."""
+    with tempfile.TemporaryDirectory(prefix="mattgs-run-") as folder:
+        path = client.download_artifacts(run_id, file, folder)
+        return json.loads(Path(path).read_text(encoding="utf-8"))
+
+
 def stored_row(client: Any, run_id: str) -> Row | None:
     """Return the row that a run holds, None where there is none."""
     if not has_row(client, run_id):
         return None
-    path = client.download_artifacts(run_id, ROW_FILE)
-    row: Row = json.loads(Path(path).read_text(encoding="utf-8"))
+    row: Row = read_json(client, run_id, ROW_FILE)
     return row
 
 

@@ -13,7 +13,6 @@ moved there when it is whole: whoever is killed meanwhile leaves nothing half ma
 """
 
 import fcntl
-import json
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -220,8 +219,7 @@ def rows_of(tracking_uri: str, experiment: str) -> list[Row]:
         closed = run.info.status in ("FINISHED", "FAILED")
         if not closed and not run_of_row.has_row(client, run.info.run_id):
             continue  # at work, or killed before it had a row
-        path = client.download_artifacts(run.info.run_id, ROW_FILE)
-        row = json.loads(Path(path).read_text(encoding="utf-8"))
+        row = run_of_row.read_json(client, run.info.run_id, ROW_FILE)
         checked_row(row, f"run {run.info.run_id}: {ROW_FILE}")
         (others if run.info.status == "KILLED" else ended).append(row)
     return ended + others

@@ -18,7 +18,7 @@ from mattgs_ops.naming import checked_row
 from tasks.registry import runs
 from tasks.registry.content import description
 from tasks.registry.project import experiment_name
-from tasks.registry.run_of_row import RECORDED_TAG, Row
+from tasks.registry.run_of_row import RECORDED_TAG, Row, read_json
 from tasks.stages.stage import Cell
 
 SUMMARY_TAG = "mattgs.summary"
@@ -104,8 +104,7 @@ def report_rows(tracking_uri: str, benchmark: str) -> list[Row]:
         summaries = _summaries(client, found.experiment_id)
         if summaries and not _ended_since(client, found.experiment_id, summaries[0]):
             run_id = summaries[0].info.run_id
-            path = client.download_artifacts(run_id, ROWS_FILE)
-            rows = json.loads(Path(path).read_text(encoding="utf-8"))
+            rows = read_json(client, run_id, ROWS_FILE)
             return [checked_row(row, f"run {run_id}: {ROWS_FILE}") for row in rows]
     newest: dict[Any, Row] = {}
     for row in runs.rows(tracking_uri, benchmark):

@@ -66,7 +66,7 @@ class Launcher:
     def __init__(self, environment: Mapping[str, str], log: IO[bytes]) -> None:
         self.sources = source_times()
         self._process = subprocess.Popen(
-            [sys.executable, "-m", __name__, str(os.getpid())],
+            [sys.executable, "-P", "-m", __name__, str(os.getpid())],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=log,

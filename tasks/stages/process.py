@@ -139,7 +139,7 @@ def _start(job: StageJob, job_file: Path, log: IO[bytes]) -> Child | int:
         }
         return launcher.launch(request, _environment(threads=1), log)
     return subprocess.Popen(
-        [sys.executable, "-m", "tasks.stages.process", str(job_file), str(os.getpid())],
+        [sys.executable, "-P", "-m", "tasks.stages.process", str(job_file), str(os.getpid())],
         stdin=subprocess.DEVNULL,
         stdout=log,
         stderr=subprocess.STDOUT,

@@ -16,7 +16,7 @@ from mattgs_ops.errors import InputError, StageError
 from mattgs_ops.progress import Progress
 from mattgs_ops.sfm.colmap.job import ANSWER_FILE, Answer, Job
 
-WORKER = ("-m", "mattgs_ops.sfm.colmap.worker")
+WORKER = ("-P", "-m", "mattgs_ops.sfm.colmap.worker")
 LAST_LINES = 12  # of the log, in an error's message
 # One thread per numeric library: the worker's own pool is the only parallelism
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")

@@ -59,9 +59,11 @@ def runs(database: Path) -> int:
 def test_a_server_serves_and_dies_with_its_owner_and_the_next_starts_from_its_tables(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    (tmp_path / "queue.py").write_text("raise SystemExit('a script of the user')")
+    monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.delenv("PREFECT_API_URL", raising=False)
-    command = [sys.executable, "-c", OWNER, str(tmp_path / "one")]
+    command = [sys.executable, "-P", "-c", OWNER, str(tmp_path / "one")]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as owner:
         assert owner.stdout is not None

@@ -6,14 +6,17 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
+from typing import Any
+from urllib.request import proxy_bypass
 
 import prefect
 import pytest
 
+from flows.services import embedded
 from flows.services.prefect_settings import check, configured
 from mattgs_ops.errors import InputError
 
@@ -106,6 +109,61 @@ def server_of_version(version: str) -> Iterator[str]:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         yield f"http://127.0.0.1:{server.server_port}/api"
         server.shutdown()
+
+
+def refuse(error: Exception) -> Callable[..., Any]:
+    def raising(*_: object) -> Any:
+        raise error
+
+    return raising
+
+
+@pytest.mark.parametrize(
+    ("what", "error"),
+    [("home", RuntimeError("no home directory")), ("is_file", PermissionError("profiles.toml"))],
+)
+def test_without_a_home_of_the_users_own_nothing_is_configured(
+    what: str, error: Exception, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for key in ("PREFECT_HOME", "PREFECT_PROFILES_PATH"):
+        monkeypatch.delenv(key, raising=False)
+    with monkeypatch.context() as patch:
+        real = Path.is_file
+        if what == "home":
+            patch.setattr(Path, "home", refuse(error))
+        else:
+            patch.setattr(
+                Path, "is_file", lambda at: real(at) if at.parent == Path() else refuse(error)()
+            )
+        assert not configured()
+        (tmp_path / "prefect.toml").write_text("")
+        assert configured(), "the current folder is looked at all the same"
+
+
+@pytest.mark.parametrize(
+    ("proxy", "spared", "then"),
+    [
+        ("", "", ""),
+        ("http://proxy:3128", "", "127.0.0.1,localhost"),
+        ("http://proxy:3128", "lab.org, localhost", "lab.org,localhost,127.0.0.1"),
+        ("http://proxy:3128", "*", "*"),
+    ],
+)
+def test_our_own_services_are_reached_without_a_proxy(
+    proxy: str, spared: str, then: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for key in ("http_proxy", "https_proxy", "all_proxy", "no_proxy"):
+        for name in (key, key.upper()):
+            monkeypatch.delenv(name, raising=False)
+    if proxy:
+        monkeypatch.setenv("http_proxy", proxy)
+    if spared:
+        monkeypatch.setenv("NO_PROXY", spared)
+    embedded.enter(tmp_path)
+    assert os.environ.get("no_proxy", "") == os.environ.get("NO_PROXY", "") == then
+    if then:
+        assert proxy_bypass("127.0.0.1:4200")
 
 
 def test_an_api_of_this_version_can_be_used() -> None:

@@ -204,6 +204,13 @@ def test_a_manifest_of_another_shape_is_refused(tmp_path: Path, url: str, files:
         Store(tmp_path / "one", url).fetch(str(KEY))
 
 
+def test_a_bucket_that_is_not_there_is_refused_and_not_made(s3: str) -> None:
+    assert s3
+    with pytest.raises(InputError, match=r"--store s3://mistyped/shared: cannot be written"):
+        RemoteStore("s3://mistyped/shared").check()
+    assert not fsspec.filesystem("s3", use_listings_cache=False).exists("mistyped")
+
+
 def test_a_place_that_cannot_be_used_is_refused_before_any_work(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="--store nothing://x"):
         RemoteStore("nothing://x")

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -106,6 +107,17 @@ def test_rows_are_read_back_as_they_were(place: tuple[str, Path]) -> None:
         row(1) | {"run_id": ids[1]},
         row(0) | {"run_id": ids[0]},
     ]
+
+
+def test_reading_rows_leaves_no_copies(
+    place: tuple[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    uri, artifacts = place
+    experiment = runs.open_benchmark(uri, "copies", artifacts)
+    runs.record(uri, experiment, row() | {"benchmark": "copies"}, parameters={})
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    assert len(runs.rows(uri, "copies")) == 1
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_row_that_somebody_else_left_leads_nowhere_else(place: tuple[str, Path]) -> None:

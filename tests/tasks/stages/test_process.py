@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -99,6 +100,20 @@ def test_a_stage_gets_its_arguments_and_threads_and_its_output_goes_to_the_log(
     status = read(work.status)
     assert status is not None
     assert (status.done, status.total, status.note) == (3, 3, "step 3")
+
+
+def test_files_of_the_current_folder_are_not_taken_for_modules(
+    job: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A script of the user's called as one of Python's own modules, or as ours."""
+    folder = tmp_path / "scripts"
+    folder.mkdir()
+    for name in ("dataclasses", "json", "queue", "subprocess", "tasks"):
+        (folder / f"{name}.py").write_text("raise SystemExit('a script of the user')")
+    monkeypatch.chdir(folder)
+    with ThreadPoolExecutor(1) as thread:  # a launcher of its own, started in this folder
+        thread.submit(run, job("good", x=1)).result()
+    assert (tmp_path / "threads").read_text() == "2 2 1"
 
 
 def test_a_stage_does_not_inherit_how_dask_has_its_workers_give_memory_back(

@@ -78,7 +78,8 @@ int64_t Rendering::forward(const SplatArrays<const float>& splats, const RenderO
     scatter();
     Workspace& w = *work_;
     if (extra_) {
-        float* sorted = w.extra.fit(visible_);
+        // never null, also where nothing is visible: tiles take null for three channels
+        float* sorted = w.extra.fit(std::max<int64_t>(visible_, 1));
         for (int64_t i = 0; i < visible_; ++i) sorted[i] = extra[w.order.data()[i]];
     }
     watch.lap(seconds_[2]);

@@ -63,13 +63,31 @@ def extract_frames(
 
 
 def sharpness(frame: Frame) -> float:
-    """Return how sharp a frame [H, W, 3] is: the variance of its Laplacian at a common width."""
+    """Return how sharp a frame [H, W, 3] is: the variance of its Laplacian at a common width.
+
+    It grows with the square of exposure and contrast: for frames of one moment, exposed alike.
+    """
+    return float(cv2.Laplacian(_reduced(frame), cv2.CV_64F).var())
+
+
+def relative_sharpness(photo: Frame) -> float:
+    """Return the sharpness of a photo [H, W, 3] by its own contrast, the variance of its greys.
+
+    Darkening changes both alike. It is for photos that were exposed apart; among frames of a video
+    the sharpest would be a black one, of which noise is all the contrast.
+    """
+    contrast = float(_reduced(photo).var())
+    return sharpness(photo) / contrast if contrast else 0.0
+
+
+def _reduced(frame: Frame) -> NDArray[np.uint8]:
+    """Return a frame's greys [H, W] at the common width."""
     grey = cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
     height, width = grey.shape
     if width > SHARPNESS_WIDTH:
         size = (SHARPNESS_WIDTH, max(1, round(height * SHARPNESS_WIDTH / width)))
         grey = cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
-    return float(cv2.Laplacian(grey, cv2.CV_64F).var())
+    return np.asarray(grey, dtype=np.uint8)
 
 
 def _frames_in(video: Path) -> int:

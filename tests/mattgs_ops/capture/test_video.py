@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from mattgs_ops.capture.prepare import prepare
-from mattgs_ops.capture.video import extract_frames, sharpness
+from mattgs_ops.capture.video import extract_frames, relative_sharpness, sharpness
 from mattgs_ops.config import CaptureConfig
 from mattgs_ops.errors import InputError
 
@@ -63,6 +63,29 @@ def test_colours_are_those_of_the_video(tmp_path: Path) -> None:
 def test_sharpness_falls_with_blur() -> None:
     noise = np.random.default_rng(0).integers(0, 256, (900, 1600, 3), dtype=np.uint8)
     assert sharpness(noise) > 5 * sharpness(cv2.GaussianBlur(noise, (0, 0), 4))
+
+
+def test_relative_sharpness_falls_with_blur_and_not_with_exposure() -> None:
+    coarse = np.random.default_rng(0).integers(0, 256, (60, 80, 3), dtype=np.uint8)
+    photo = np.asarray(cv2.resize(coarse, (320, 240), interpolation=cv2.INTER_NEAREST), np.uint8)
+    dark = np.rint(photo * 0.3).astype(np.uint8)
+    assert sharpness(dark) < 0.1 * sharpness(photo)
+    assert relative_sharpness(dark) == pytest.approx(relative_sharpness(photo), rel=0.02)
+    blurred = cv2.GaussianBlur(photo, (0, 0), 3)
+    assert relative_sharpness(blurred) < 0.25 * relative_sharpness(photo)
+    assert relative_sharpness(np.full((240, 320, 3), 90, np.uint8)) == 0
+
+
+def test_a_frame_of_noise_in_the_dark_is_not_the_sharpest(tmp_path: Path) -> None:
+    rng, path = np.random.default_rng(0), tmp_path / "walk.avi"
+    codec = cv2.VideoWriter.fourcc(*"FFV1")  # lossless, so that the noise stays
+    writer = cv2.VideoWriter(str(path), codec, 24, (WIDTH, HEIGHT))
+    thing = cv2.resize(rng.integers(0, 256, (8, 12, 3), dtype=np.uint8), (WIDTH, HEIGHT))
+    for index in range(20):
+        black = rng.integers(0, 3, (HEIGHT, WIDTH, 3), dtype=np.uint8)
+        writer.write(black if index in (8, 12) else thing)
+    writer.release()
+    assert not {8, 12} & set(numbers(extract_frames(path, tmp_path / "frames", 1)))
 
 
 @pytest.mark.parametrize("content", [None, b"no video at all"])

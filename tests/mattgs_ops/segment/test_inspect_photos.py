@@ -84,6 +84,15 @@ def test_what_is_wrong_is_told_by_name(tmp_path: Path) -> None:
     assert "of 6 photos hang together" in told
 
 
+def test_dark_photos_are_not_blurred_unless_they_are(tmp_path: Path) -> None:
+    source = capture(tmp_path)
+    for index in (2, 3):
+        change(source.views[index], np.rint(photo(source.views[index]) * 0.3).astype(np.uint8))
+    change(source.views[3], cv2.GaussianBlur(photo(source.views[3]), (0, 0), 3))
+    told = [one for one in inspect(source).problems if "blurred" in one]
+    assert told == ["1 blurred (next to the others): 3.jpg"]
+
+
 @pytest.mark.parametrize(("ground", "word"), [(255, "too bright"), (0, "too dark")])
 def test_a_white_or_a_black_ground_is_no_fault(tmp_path: Path, ground: int, word: str) -> None:
     """As of what was cut out, a white sweep or black cloth; a photo of nothing else is told."""

@@ -3,10 +3,14 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
+from torch._C._functorch import is_functorch_wrapped_tensor  # it has no public name
+from torch.autograd.forward_ad import unpack_dual
 
 from mattgs_ops.errors import InputError
 from mattgs_ops.splat.rasterize import MAX_PIXELS_A_SIDE, MAX_THREADS
@@ -89,7 +93,7 @@ def checked(
     for name, tensor in named.items():
         _check_type(name, tensor)
     for name, size in (("width", width), ("height", height)):
-        if isinstance(size, bool) or not isinstance(size, int):
+        if not _is_int(size):
             raise InputError(f"{name}: expected an int, found {size!r}")
         if not 1 <= size <= MAX_PIXELS_A_SIDE:
             raise InputError(f"{name}: expected 1 to {MAX_PIXELS_A_SIDE}, found {size}")
@@ -132,18 +136,23 @@ def check_settings(
     """Raise :class:`InputError` for a setting that is out of range or not to be had here."""
     for name, value in refused.items():
         taken, reason = REFUSED[name]
-        # gsplat's own enumeration has a name for the global shutter
-        same = not isinstance(value, Tensor) and value == taken
+        # gsplat's own enumeration has a name for the global shutter; arrays compare by element
+        same = not isinstance(value, Tensor | np.ndarray) and value == taken
         if value is taken or same or getattr(value, "name", None) == "GLOBAL":
             continue
-        found = f"a tensor {list(value.shape)}" if isinstance(value, Tensor) else repr(value)
+        array = isinstance(value, Tensor | np.ndarray)
+        found = f"a tensor {list(value.shape)}" if array else repr(value)
         raise InputError(f"{name}: expected {taken!r} ({reason}), found {found}")
     if render_mode not in RENDER_MODES:
         raise InputError(
             f"render_mode: expected one of {', '.join(RENDER_MODES)}, found {render_mode!r}"
         )
-    if not isinstance(threads, int) or not 1 <= threads <= MAX_THREADS:
-        raise InputError(f"threads: expected a whole number, 1 to {MAX_THREADS}, found {threads}")
+    if not _is_int(threads) or not 1 <= threads <= MAX_THREADS:
+        raise InputError(f"threads: expected a whole number, 1 to {MAX_THREADS}, found {threads!r}")
+    for name, value in vars(limits).items():
+        scalar = isinstance(value, Tensor) and value.dim() == 0
+        if isinstance(value, bool) or not (isinstance(value, Real) or scalar):
+            raise InputError(f"{name}: expected a number, found {value!r}")
     if not 0 < limits.near_plane < limits.far_plane:
         raise InputError(
             f"near_plane: expected a number between 0 and far_plane ({limits.far_plane}), "
@@ -155,13 +164,30 @@ def check_settings(
             raise InputError(f"{name}: expected a number of pixels from 0 on, found {value}")
 
 
+def _is_int(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
 def _check_type(name: str, tensor: object) -> None:
     if not isinstance(tensor, Tensor):
         raise InputError(f"{name}: expected a tensor, found {type(tensor).__name__}")
+    if tensor.layout != torch.strided:
+        raise InputError(f"{name}: expected a dense tensor, found {tensor.layout}")
+    if is_functorch_wrapped_tensor(tensor) or _is_dual(tensor):
+        raise InputError(
+            f"{name}: expected a plain tensor (gradients come from backward() alone), found one of "
+            "torch.func's or of forward-mode differentiation"
+        )
     if tensor.dtype != torch.float32 or tensor.device.type != "cpu":
         raise InputError(
             f"{name}: expected float32 on the CPU, found {tensor.dtype} on {tensor.device}"
         )
+
+
+def _is_dual(tensor: Tensor) -> bool:
+    """Whether a tensor carries a tangent, as in torch's forward-mode differentiation."""
+    parts = unpack_dual(tensor)  # type: ignore[no-untyped-call]  # torch leaves it untyped
+    return parts.tangent is not None
 
 
 def _check_shape(name: str, tensor: Tensor, shape: tuple[int, ...]) -> None:
@@ -172,6 +198,8 @@ def _check_shape(name: str, tensor: Tensor, shape: tuple[int, ...]) -> None:
 def _check_colors(
     colors: Tensor, batch: tuple[int, ...], cameras: int, count: int, sh_degree: int | None
 ) -> None:
+    if sh_degree is not None and not (_is_int(sh_degree) and 0 <= sh_degree <= MOST_SH_DEGREE):
+        raise InputError(f"sh_degree: expected None or 0 to {MOST_SH_DEGREE}, found {sh_degree!r}")
     found = tuple(colors.shape)
     own = 1 if sh_degree is None else 2  # dimensions of one splat's colour
     heads = ((*batch, count), (*batch, cameras, count))
@@ -181,8 +209,6 @@ def _check_colors(
         raise InputError(f"colors: expected shape {wanted}, found {found}")
     if sh_degree is None:
         return
-    if not 0 <= sh_degree <= MOST_SH_DEGREE:
-        raise InputError(f"sh_degree: expected None or 0 to {MOST_SH_DEGREE}, found {sh_degree}")
     if found[-1] != 3 or found[-2] < (sh_degree + 1) ** 2:
         raise InputError(
             f"colors: expected [..., K, 3] with K of {(sh_degree + 1) ** 2} or more for "

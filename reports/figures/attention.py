@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mattgs_ops.capture.camera import Camera, in_frame
 from mattgs_ops.capture.scene import Scene
 from mattgs_ops.splat.attention import paper_attention
-from reports.figures.picture_grid import bare, canvas, show, side
+from reports.figures.picture_grid import above, bare, canvas, show, side
 from reports.figures.pictures import Floats, Gallery, artifact
 from reports.figures.plots import Saved, save, sheets
 from reports.rows.schema import background_name, capture_name
@@ -48,7 +48,7 @@ def _attention(
     first = _attention_image(usable[0])[1]
     figure, grid = canvas(len(usable), len(titles) + len(panels), first)
     for axes, title in zip(grid[0], titles + panels, strict=True):
-        axes.set_title(title, fontsize=7.5)
+        above(axes, title)
     for level, found in enumerate(usable):
         condition, image = _attention_image(found)
         label = background_name(found.rows[condition]["background"])

@@ -14,7 +14,7 @@ from mattgs_ops.capture.camera import in_frame
 from mattgs_ops.capture.scene import Scene, View
 from mattgs_ops.capture.sparse import OBJECT_SHARE, are_on_object
 from reports.figures import findings, pictures
-from reports.figures.picture_grid import GAP, TOP, bare, canvas, clear, show, side
+from reports.figures.picture_grid import GAP, TOP, above, bare, canvas, clear, show, side
 from reports.figures.pictures import Floats, Gallery, Window, artifact
 from reports.figures.plots import Saved, save, sheets
 from reports.rows.schema import Row, background_name, capture_name, method_name
@@ -68,7 +68,7 @@ def _compare(
         _frame(upper, window)
         show(lower, window.cut(picture))
         if titled:
-            upper.set_title(title, fontsize=7.5)
+            above(upper, title)
         if lane == 0:
             side(upper, view)
             side(lower, "zoom")
@@ -92,7 +92,7 @@ def error_maps(found: Gallery, folder: Path) -> Saved | None:
                 axes.imshow(wrong, cmap=scale.get_cmap(), norm=scale.norm)
                 bare(axes)
                 if place == 0:
-                    axes.set_title(title, fontsize=7.5)
+                    above(axes, title)
                 if lane == 0:
                     side(axes, view)
     width, height = figure.get_size_inches()
@@ -135,7 +135,7 @@ def _masked_sfm(
         side(grid[level][0], capture_name(name))
         if level == 0:
             for axes, title in zip(grid[0], titles, strict=True):
-                axes.set_title(title, fontsize=7.5)
+                above(axes, title)
     caption = (
         "Masked structure-from-motion: a photo, what its mask keeps, and the sparse points that "
         f"project into it; orange ones are the object's: {OBJECT_SHARE * 100:.0f} % or more of the "

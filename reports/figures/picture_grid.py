@@ -9,6 +9,7 @@ from reports.figures.pictures import Floats
 
 LEFT, TOP, GAP = 0.3, 0.32, 0.03  # inches: labels at the left, titles above, between pictures
 CELL = 1.55  # inches that one picture is wide
+ACROSS, DOWN = 27, 23  # letters that fit above a picture, and beside one of 4 to 3
 
 
 def canvas(
@@ -69,6 +70,20 @@ def bare(axes: Axes) -> None:
         spine.set_color("#c4cad0")
 
 
+def above(axes: Axes, text: str) -> None:
+    """Write above a picture."""
+    axes.set_title(shortened(text, ACROSS), fontsize=7.5)
+
+
 def side(axes: Axes, text: str) -> None:
-    """Write at the left of a row."""
-    axes.set_ylabel(text, fontsize=6.5)
+    """Write at the left of a row; each line is one."""
+    lines = (shortened(line, DOWN) for line in text.split("\n"))
+    axes.set_ylabel("\n".join(lines), fontsize=6.5)
+
+
+def shortened(text: str, most: int) -> str:
+    """Leave out the middle of what is longer; names of photos begin alike and end differently."""
+    if len(text) <= most:
+        return text
+    first = (most - 1) // 2
+    return f"{text[:first]}…{text[first + 1 - most :]}"

@@ -13,7 +13,7 @@ from typing import Any
 from reports.figures import all_figures, pictures, plots
 from reports.figures import budgets as budget_figures
 from reports.figures.plots import Saved
-from reports.markdown import items
+from reports.markdown import items, plain
 from reports.page import page, unchanged
 from reports.rows.budgets import largest
 from reports.rows.clock import clock_notes
@@ -198,7 +198,8 @@ def _pictures(drawn: Sequence[Saved], out: Path) -> list[str]:
     parts = []
     for figure in drawn:
         link = figure.png.relative_to(out).as_posix()
-        parts += [f"![{figure.caption}]({link})", "", f"*{figure.caption}*", ""]
+        caption = plain(figure.caption)
+        parts += [f"![{caption}]({link})", "", f"*{caption}*", ""]
     return parts
 
 

@@ -13,6 +13,9 @@ _LATEX = {
     "{": r"\{",
     "}": r"\}",
     "~": r"\textasciitilde{}",
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
+    "|": r"\textbar{}",
     "^": r"\textasciicircum{}",
     "↑": r"$\uparrow$",
     "↓": r"$\downarrow$",
@@ -20,6 +23,12 @@ _LATEX = {
     "×": r"$\times$",
     "−": r"$-$",
     "≥": r"$\geq$",
+    "≈": r"$\approx$",
+    "→": r"$\rightarrow$",
+    "←": r"$\leftarrow$",
+    "∞": r"$\infty$",
+    "√": r"$\surd$",
+    "µ": r"$\mu$",
     "≤": r"$\leq$",
     "–": "--",
     "—": "---",
@@ -35,11 +44,17 @@ _LATEX = {
     "Δ": r"$\Delta$",
     "★": r"$\star$",
 }
+_LAST_ACCENTED = "ſ"  # the end of Latin Extended-A: what LaTeX's default encodings know
 
 
 def latex_escape(text: str) -> str:
-    """Escape text for LaTeX; the signs that tables use become commands, backticks a typewriter."""
+    """Escape text for LaTeX; the signs that tables use become commands, backticks a typewriter.
+
+    pdfLaTeX ends at a sign that its fonts do not carry, as in what other programs said: its number
+    in Unicode stands there.
+    """
     plain = "".join(_LATEX.get(letter, letter) for letter in text)
+    plain = "".join(c if c <= _LAST_ACCENTED else f"[U+{ord(c):04X}]" for c in plain)
     return CODE.sub(r"\\texttt{\1}", plain)
 
 

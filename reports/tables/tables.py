@@ -260,13 +260,19 @@ def _best(members: Sequence[Cell], entries: Sequence[Entry], column: Column) -> 
 def _hole_mark(cell: Cell, holes: list[str]) -> str:
     if not cell.failed:
         return ""
-    mark = MARKS[sum(text.startswith("(") for text in holes) % len(MARKS)]
+    mark = _letters(sum(text.startswith("(") for text in holes))
     reasons = "; ".join(dict.fromkeys(str(row.get("reason")) for row in cell.failed))
     seeds = ", ".join(str(row["seed"]) for row in cell.failed)
     where = f"{capture_name(cell.key.capture)}, {condition_of(cell)}"
     rest = f"; the line is the mean of the other {len(cell.finished)}" if cell.finished else ""
     holes.append(f"({mark}) {where}, seed {seeds} failed: {reasons}{rest}.")
     return f" ({mark})"
+
+
+def _letters(number: int) -> str:
+    """Return a, b … z, aa, ab … for 0, 1 …, as columns of a sheet are called."""
+    before, last = divmod(number, len(MARKS))
+    return (_letters(before - 1) if before else "") + MARKS[last]
 
 
 def _mark_notes(groups: Sequence[Group]) -> list[str]:

@@ -128,7 +128,7 @@ class NoSecondDerivative(torch.autograd.Function):
 def view_gradient(sums: Tensor, view: Tensor) -> Tensor:
     """Return dL/d view matrix [4, 4] from the engine's sums."""
     inverse: Tensor = torch.linalg.inv(view.double())
-    by_inverse = torch.zeros(4, 4, dtype=torch.float64)
+    by_inverse = torch.zeros_like(inverse)
     by_inverse[:3, 3] = sums[12:15]  # the centre is the inverse's last column
     grad: Tensor = -inverse.T @ by_inverse @ inverse.T
     grad[:3, :3] += sums[:9].view(3, 3)

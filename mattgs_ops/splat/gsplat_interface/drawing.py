@@ -131,14 +131,14 @@ class Drawing:
         rest = _empty(0, SH_REST, 3)
         if self.plain:
             chosen = colors[:, self.groups[p]]
-            first = torch.zeros(len(colors), COLOURS, dtype=torch.float32)
+            first = colors.new_zeros(len(colors), COLOURS)
             first[:, : chosen.shape[1]] = chosen[:, :COLOURS]
             extra = chosen[:, COLOURS].contiguous() if chosen.shape[1] > COLOURS else None
         else:
             first = colors[:, 0].contiguous()
             if self.scene.sh_degree:
                 used = min(colors.shape[1] - 1, SH_REST)
-                rest = torch.zeros(len(colors), SH_REST, 3, dtype=torch.float32)
+                rest = colors.new_zeros(len(colors), SH_REST, 3)
                 rest[:, :used] = colors[:, 1 : 1 + used]
             extra = None if inputs.extra is None else inputs.extra[b, c].contiguous()
         geometry = (inputs.means[b], inputs.scales[b], inputs.quats[b], inputs.opacities[b])
@@ -201,7 +201,7 @@ class ImageGradients:
             extra=_empty(count),
             means2d=_empty(count, 2),
             absolute=_empty(count, 2),
-            camera=torch.empty(CAMERA_SUMS, dtype=torch.float64),
+            camera=torch.empty(CAMERA_SUMS, dtype=torch.float64, device="cpu"),
         )
 
     def parameters(self) -> tuple[Any, ...]:
@@ -218,8 +218,8 @@ class ImageGradients:
 
 
 def _empty(*shape: int) -> Tensor:
-    """Return an uninitialised tensor of the engine's type, whatever torch's default is."""
-    return torch.empty(shape, dtype=torch.float32)
+    """Return an uninitialised tensor of the engine's type, whatever torch's defaults are."""
+    return torch.empty(shape, dtype=torch.float32, device="cpu")
 
 
 def _describe_not_finite(inputs: Inputs) -> str:

@@ -4,8 +4,9 @@
 docs/engine.md has a table of what is taken and what is refused.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, ParamSpec, TypeVar, cast
 
 import torch
 from torch import Tensor
@@ -16,8 +17,17 @@ from mattgs_ops.splat.gsplat_interface.composite import Composite
 from mattgs_ops.splat.gsplat_interface.drawing import COLOURS, Drawing, Inputs
 
 LEAST_ALPHA = 1e-10  # that an expected depth is divided by, as in gsplat
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
 
 
+def _not_compiled(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    """Have ``torch.compile`` call a function as it is, which cannot see into the engine."""
+    as_it_is = torch.compiler.disable(function)  # type: ignore[no-untyped-call]  # so in torch
+    return cast("Callable[Arguments, Result]", as_it_is)
+
+
+@_not_compiled
 def rasterization(
     means: Tensor,  # [..., N, 3]
     quats: Tensor,  # [..., N, 4]

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from mattgs_ops.capture.sparse import OBJECT_SHARE
-from reports.figures import findings, photos, plots, trade_off
+from reports.figures import findings, photos, picture_grid, plots, trade_off
 from reports.figures.pictures import Gallery
 from reports.rows.schema import cells
 from tests.reports.conftest import cell_row
@@ -115,6 +115,14 @@ def test_a_dot_in_a_name_begins_no_suffix(tmp_path: Path) -> None:
     ]
     assert [one.png.name for one in saved] == ["figure-masks-cup.v1.png", "figure-masks-cup.v2.png"]
     assert sorted(path.suffix for path in tmp_path.iterdir()) == [".pdf", ".pdf", ".png", ".png"]
+
+
+def test_a_name_that_is_too_long_keeps_both_ends() -> None:
+    name = "IMG_2026-11-28_10-15-03_0001.jpg"
+    assert picture_grid.shortened(name, 23) == "IMG_2026-11…03_0001.jpg"
+    assert picture_grid.shortened("0001.jpg", 8) == "0001.jpg"
+    for length in (2, 3, 10, 23):
+        assert len(picture_grid.shortened("a" * 60, length)) == length
 
 
 def test_a_narrow_figure_grows_to_its_longest_name() -> None:

@@ -61,8 +61,8 @@ def test_markdown_has_as_many_cells_in_every_row(table: Table) -> None:
 
 def test_latex_escapes_what_it_reads_as_commands(table: Table) -> None:
     text = latex.latex(table)
-    assert r"\caption{Title\_1 \% | x}" in text
-    assert r"Ours \& <b> (a)" in text
+    assert r"\caption{Title\_1 \% \textbar{} x}" in text
+    assert r"Ours \& \textless{}b\textgreater{} (a)" in text
     assert r"\textbf{25.00 $\pm$ 0.10}" in text
 
 
@@ -70,7 +70,9 @@ def test_every_sign_of_the_real_tables_is_known_to_latex(
     make_grid: Callable[..., list[Row]],
 ) -> None:
     for table in side_tables.all_tables(make_grid(seeds=2)):
-        assert latex.latex(table).isascii(), table.slug
+        text = latex.latex(table)
+        assert text.isascii(), table.slug
+        assert "[U+" not in text, table.slug
 
 
 @pytest.mark.parametrize("folder", COMMITTED)
@@ -79,6 +81,7 @@ def test_every_sign_of_the_committed_rows_tables_is_known_to_latex(folder: str) 
     for table in side_tables.all_tables(rows):
         text = latex.latex(table)
         assert text.isascii(), (table.slug, {letter for letter in text if not letter.isascii()})
+        assert "[U+" not in text, table.slug
 
 
 def test_settings_in_notes_are_code_on_the_page_and_in_latex(table: Table) -> None:
@@ -150,3 +153,19 @@ def test_the_narrowest_table_has_no_seconds_beside_hours(columns: int, time: str
     row = formats.plain(table).splitlines()[4]
     assert f" {time} " in row
     assert " 2m 03s" in row
+
+
+def test_latex_carries_what_another_program_said() -> None:
+    told = latex.latex_escape("loss=0.5 → 7 <b>x</b> | é ✓ 中")
+    assert told == (
+        r"loss=0.5 $\rightarrow$ 7 \textless{}b\textgreater{}x\textless{}/b\textgreater{} "
+        r"\textbar{} é [U+2713] [U+4E2D]"
+    )
+
+
+def test_marks_of_failed_lines_never_repeat() -> None:
+    marks = [tables._letters(number) for number in range(800)]
+    assert marks[:3] == ["a", "b", "c"]
+    assert marks[25:28] == ["z", "aa", "ab"]
+    assert marks[701:703] == ["zz", "aaa"]
+    assert len(set(marks)) == 800

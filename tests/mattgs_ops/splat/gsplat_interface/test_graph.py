@@ -1,6 +1,7 @@
 """What comes with the images: gsplat's dictionary, and a graph that behaves as torch's do."""
 
 import gc
+import inspect
 import re
 import runpy
 import weakref
@@ -143,18 +144,50 @@ def test_centres_retain_a_gradient_though_means_are_frozen() -> None:
     assert bool(meta["means2d"].grad.any())
 
 
-def test_nothing_depends_on_torchs_defaults() -> None:
+# torch's own tracer asks tensors between two graphs for their gradient
+@pytest.mark.filterwarnings("ignore:The .grad attribute of a Tensor that is not a leaf:UserWarning")
+@pytest.mark.parametrize("frozen", [True, False])
+def test_torch_compile_leaves_it_as_it_is(frozen: bool) -> None:
+    def loss(means: torch.Tensor) -> torch.Tensor:
+        given = {**ready, "means": 2 * means}
+        images, alphas, _ = rasterization(**given, width=WIDTH, height=HEIGHT)
+        return images.square().sum() + alphas.sin().sum()
+
+    ready = scene(17)
+    found = []
+    # the eager backend needs no C++ compiler
+    for function in (loss, torch.compile(loss, backend="eager")):
+        means = (0.5 * ready["means"]).requires_grad_(not frozen)
+        value = function(means)
+        found.append([value.detach()])
+        if not frozen:
+            found[-1] += torch.autograd.grad(value, means)
+    for one, other in zip(*found, strict=True):
+        assert torch.equal(one, other)
+
+
+def test_it_keeps_its_name_signature_and_documentation() -> None:
+    assert rasterization.__name__ == "rasterization"
+    assert next(iter(inspect.signature(rasterization).parameters)) == "means"
+    assert "Render N splats as C cameras see them" in (rasterization.__doc__ or "")
+
+
+@pytest.mark.parametrize("degree", [None, 1])
+def test_nothing_depends_on_torchs_defaults(degree: int | None) -> None:
     def drawn(dtype: torch.dtype | None = None) -> list[torch.Tensor]:
         given = {name: t.clone() for name, t in ready.items()}
         given["means"].requires_grad_()
+        given["viewmats"].requires_grad_()
         size = {"width": WIDTH, "height": HEIGHT}
         with torch.autocast("cpu", dtype=dtype, enabled=dtype is not None):
-            images, _, meta = rasterization(**given, **size, render_mode="RGB+ED")
+            images, _, meta = rasterization(**given, **size, render_mode="RGB+ED", sh_degree=degree)
         images.square().sum().backward()
         assert given["means"].grad is not None
-        return [images.detach(), meta["means2d"].detach(), given["means"].grad]
+        assert given["viewmats"].grad is not None
+        grads = [given["means"].grad, given["viewmats"].grad]
+        return [images.detach(), meta["means2d"].detach(), *grads]
 
-    ready = scene(16)
+    ready = scene(16, degree=degree)
     expected = drawn()
     before = torch.get_default_dtype()
     torch.set_default_dtype(torch.float64)
@@ -162,7 +195,9 @@ def test_nothing_depends_on_torchs_defaults() -> None:
         wide = drawn()
     finally:
         torch.set_default_dtype(before)
-    for found in (wide, drawn(torch.bfloat16)):
+    with torch.device("meta"):
+        elsewhere = drawn()
+    for found in (wide, elsewhere, drawn(torch.bfloat16)):
         assert all(torch.equal(*pair) for pair in zip(found, expected, strict=True))
 
 

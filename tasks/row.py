@@ -17,6 +17,7 @@ from mattgs_ops.config import NO_RESULT, BenchmarkConfig, Condition
 from mattgs_ops.object_masks import doubts
 from mattgs_ops.segment.mask_report import MaskReport
 from mattgs_ops.store.digests import file_digest, json_digest, pixels_digest
+from mattgs_ops.store.provenance import git_commit
 from tasks.stages.stage import Artifact, Cell, Place, code_versions
 
 SCHEMA, PROTOCOL = 1, 2  # as in reports/rows/schema.py, which a test compares
@@ -185,7 +186,7 @@ def _provenance(place: Place, config: BenchmarkConfig, outcome: Outcome) -> dict
         "config_digest": config_digest(config, outcome.cell),
         "inputs": {"capture": files.get("files", prepared_digest)},
         "outputs": digests,
-        **({} if trained is None else place.extra(trained).get("machine", {})),
+        **({"git": git_commit()} if trained is None else place.extra(trained).get("machine", {})),
         **_trainer(place, trained),
     }
 

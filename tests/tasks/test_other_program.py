@@ -15,6 +15,7 @@ from mattgs_ops.config import BenchmarkConfig
 from mattgs_ops.errors import StageError
 from mattgs_ops.splat.files.ply import read_ply
 from mattgs_ops.splat.files.training_report import TrainingReport
+from mattgs_ops.store.provenance import git_commit
 from tasks.evaluate import evaluate
 from tasks.row import Outcome, make_row
 from tasks.stages.stage import Artifact, Cell, Place
@@ -134,6 +135,7 @@ def test_what_went_wrong_is_told(
     row = make_row(place, config, Outcome(CELL, {"sfm": scene}, str(caught.value)))
     assert row["status"] == "failed"
     assert "trainer peer" in row["reason"]
+    assert row["provenance"]["git"] == git_commit(), "of the code that failed"
 
 
 @pytest.mark.parametrize(

@@ -94,7 +94,7 @@ def checked(
         _check_type(name, tensor)
     for name, size in (("width", width), ("height", height)):
         if not _is_int(size):
-            raise InputError(f"{name}: expected an int, found {size!r}")
+            raise InputError(f"{name}: expected an int, found {_told(size)}")
         if not 1 <= size <= MAX_PIXELS_A_SIDE:
             raise InputError(f"{name}: expected 1 to {MAX_PIXELS_A_SIDE}, found {size}")
     means, viewmats, colors = named["means"], named["viewmats"], named["colors"]
@@ -140,19 +140,19 @@ def check_settings(
         same = not isinstance(value, Tensor | np.ndarray) and value == taken
         if value is taken or same or getattr(value, "name", None) == "GLOBAL":
             continue
-        array = isinstance(value, Tensor | np.ndarray)
-        found = f"a tensor {list(value.shape)}" if array else repr(value)
-        raise InputError(f"{name}: expected {taken!r} ({reason}), found {found}")
+        raise InputError(f"{name}: expected {taken!r} ({reason}), found {_told(value)}")
     if render_mode not in RENDER_MODES:
         raise InputError(
             f"render_mode: expected one of {', '.join(RENDER_MODES)}, found {render_mode!r}"
         )
     if not _is_int(threads) or not 1 <= threads <= MAX_THREADS:
-        raise InputError(f"threads: expected a whole number, 1 to {MAX_THREADS}, found {threads!r}")
+        raise InputError(
+            f"threads: expected a whole number, 1 to {MAX_THREADS}, found {_told(threads)}"
+        )
     for name, value in vars(limits).items():
         scalar = isinstance(value, Tensor) and value.dim() == 0
         if isinstance(value, bool) or not (isinstance(value, Real) or scalar):
-            raise InputError(f"{name}: expected a number, found {value!r}")
+            raise InputError(f"{name}: expected a number, found {_told(value)}")
     if not 0 < limits.near_plane < limits.far_plane:
         raise InputError(
             f"near_plane: expected a number between 0 and far_plane ({limits.far_plane}), "
@@ -162,6 +162,12 @@ def check_settings(
         value = getattr(limits, name)
         if not (math.isfinite(value) and value >= 0):
             raise InputError(f"{name}: expected a number of pixels from 0 on, found {value}")
+
+
+def _told(value: object) -> str:
+    return (
+        f"a tensor {list(value.shape)}" if isinstance(value, Tensor | np.ndarray) else repr(value)
+    )
 
 
 def _is_int(value: object) -> bool:
@@ -199,7 +205,9 @@ def _check_colors(
     colors: Tensor, batch: tuple[int, ...], cameras: int, count: int, sh_degree: int | None
 ) -> None:
     if sh_degree is not None and not (_is_int(sh_degree) and 0 <= sh_degree <= MOST_SH_DEGREE):
-        raise InputError(f"sh_degree: expected None or 0 to {MOST_SH_DEGREE}, found {sh_degree!r}")
+        raise InputError(
+            f"sh_degree: expected None or 0 to {MOST_SH_DEGREE}, found {_told(sh_degree)}"
+        )
     found = tuple(colors.shape)
     own = 1 if sh_degree is None else 2  # dimensions of one splat's colour
     heads = ((*batch, count), (*batch, cameras, count))

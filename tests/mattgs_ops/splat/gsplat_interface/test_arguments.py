@@ -75,7 +75,7 @@ SINGULAR = torch.diag(torch.tensor([1.0, 1, 0, 1]))[None]
         ({"eps2d": -0.1}, "eps2d: expected"),
         ({"eps2d": None}, "eps2d: expected a number, found None"),
         ({"eps2d": "0.3"}, "eps2d: expected a number, found '0.3'"),
-        ({"radius_clip": torch.zeros(2)}, "radius_clip: expected a number, found tensor"),
+        ({"radius_clip": torch.zeros(2)}, r"radius_clip: expected a number, found a tensor \[2\]"),
         ({"radius_clip": float("nan")}, "radius_clip: expected"),
         ({"render_mode": "depth"}, "render_mode: expected one of RGB, D"),
         ({"threads": 0}, "threads: expected a whole number, 1 to"),

@@ -30,6 +30,9 @@ OUTPUT_MARK = ".mattgs-out"  # an empty file in folders of our own output
 PNG_BIT_DEPTH_OFFSET = 24  # byte of IHDR, PNG specification section 11.2.2
 TIFF_BITS_PER_SAMPLE = 258
 FILM_DIAGONAL = math.hypot(36.0, 24.0)  # mm, of the film that 35 mm equivalents refer to
+# Focal lengths as shares of the longest side: COLMAP's own bounds (its mapper's min_ and
+# max_focal_length_ratio), outside which no view is placed
+FOCAL_SHARES = (0.1, 10.0)
 SAME_SHAPE = 0.02  # difference of aspect ratios that rounding of pixels explains
 UPRIGHT, SIDEWAYS = 1, frozenset({5, 6, 7, 8})  # EXIF 2.32, orientation
 # What Pillow raises for files that are damaged, a few of which only its own format's code does
@@ -193,7 +196,8 @@ def exif_focal(exif: Image.Exif, size: tuple[int, int]) -> float | None:
     """Return the focal length in pixels of a photo of ``size`` (width, height) as stored.
 
     It is taken from the 35 mm equivalent, which goes by the diagonal. None where EXIF holds none,
-    and where it says that the photo was cut to another shape after it was taken.
+    or one outside ``FOCAL_SHARES``, and where it says that the photo was cut to another shape after
+    it was taken.
     """
     details = exif.get_ifd(ExifTags.IFD.Exif)
     try:
@@ -211,7 +215,9 @@ def exif_focal(exif: Image.Exif, size: tuple[int, int]) -> float | None:
     # some programs turn the pixels and leave EXIF as it was
     if abs(max(taken) / min(taken) - max(size) / min(size)) > SAME_SHAPE:
         return None
-    return equivalent * math.hypot(*size) / FILM_DIAGONAL
+    focal = equivalent * math.hypot(*size) / FILM_DIAGONAL
+    shortest, longest = (share * max(size) for share in FOCAL_SHARES)
+    return focal if shortest <= focal <= longest else None
 
 
 def exif_lens(exif: Image.Exif) -> str:

@@ -12,7 +12,7 @@ from typing import Any
 
 from mattgs_ops.capture.scene import PreparedCapture
 from mattgs_ops.naming import listed_names
-from mattgs_ops.sfm.colmap.job import Answer
+from mattgs_ops.sfm.colmap.job import Answer, Job
 from mattgs_ops.sfm.colmap.moving_object import STANDS_STILL
 
 FEW_KEYPOINTS = 60  # COLMAP places an image on 30 inliers; twice as many are the least to hope for
@@ -120,6 +120,13 @@ def advice(answer: Answer) -> list[str]:
     """Return what to do about views without a camera, where the way they were taken says it."""
     still = any(step.startswith(STANDS_STILL) for step in answer.fallbacks)
     return [OBJECT_TURNS] if still else []
+
+
+def of_exif(job: Job) -> list[str]:
+    """Return what to do where too few views got a camera, and EXIF's focal length may be why."""
+    told = job.exif_focal
+    first = f"all attempts but the last started from {told}"
+    return [f"{first}: where it is wrong, remove it from the photos"] if told else []
 
 
 def in_doubt(capture: PreparedCapture, answer: Answer) -> bool:

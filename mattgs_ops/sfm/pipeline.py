@@ -17,7 +17,7 @@ Whatever the mode, the training views' masks then vote on every point
 """
 
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -125,7 +125,7 @@ def _solve(
     try:
         answer = run_worker(job, out / LOG_FILE, progress)
         if not job.poses_known:
-            _require_registered(capture, answer, config.min_registered)
+            _require_registered(capture, answer, config.min_registered, lost_views.of_exif(job))
         found = colmap_model.read_model(workspace / MODEL_FOLDER)
         if job.poses_known:
             found = given_points.with_held_out(found, capture)
@@ -169,14 +169,19 @@ def _job(
     return Job(str(workspace.resolve()), tuple(rows), config.model_dump(mode="json"), threads)
 
 
-def _require_registered(capture: PreparedCapture, answer: Answer, least: float) -> None:
-    """Refuse a model of fewer than a share of the views, naming those that are missing and why."""
+def _require_registered(
+    capture: PreparedCapture, answer: Answer, least: float, notes: Sequence[str] = ()
+) -> None:
+    """Refuse a model of fewer than a share of the views, naming those that are missing and why.
+
+    ``notes`` end the message.
+    """
     share = len(answer.registered) / len(capture.views)
     if share < least:
         raise StageError(
             f"structure-from-motion placed {len(answer.registered)} of {len(capture.views)} views "
             f"({share:.0%}), expected at least {least:.0%}\n"
-            + "\n".join(lost_views.warnings(capture, answer))
+            + "\n".join([*lost_views.warnings(capture, answer), *notes])
         )
 
 

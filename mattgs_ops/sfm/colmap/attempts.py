@@ -14,7 +14,7 @@ from mattgs_ops.capture.scene import FROM_OBJECT
 from mattgs_ops.errors import StageError
 from mattgs_ops.progress import Progress
 from mattgs_ops.sfm.colmap import features, mapping, matching
-from mattgs_ops.sfm.colmap.features import Features, Matches, Pair, further_attempts
+from mattgs_ops.sfm.colmap.features import Features, Matches, Pair
 from mattgs_ops.sfm.colmap.guides import Guides, beside, sets_of
 from mattgs_ops.sfm.colmap.job import DATABASE_FILE, MODEL_FOLDER, Answer, Job
 from mattgs_ops.sfm.colmap.matching import Verified, partners
@@ -25,8 +25,8 @@ from mattgs_ops.sfm.colmap.moving_object import (
     share_contradicting,
     shares_explained,
 )
-from mattgs_ops.sfm.colmap.steps import UNITS, Attempt
-from mattgs_ops.sfm.lost_views import MOST_VIEWS, advice
+from mattgs_ops.sfm.colmap.steps import UNITS, Attempt, further_attempts
+from mattgs_ops.sfm.lost_views import advice, of_exif
 
 Pairs = dict[Pair, Verified]
 
@@ -36,7 +36,8 @@ def run(job: Job, progress: Progress) -> Answer:
 
     When fewer than 95 % of the views are registered, further attempts keep more key points and
     compare all pairs, then seek fainter ones by COLMAP's own SIFT, each of which takes several
-    times as long; the best of all is kept.
+    times as long; the best is kept. Where the stage would fail, one more leaves EXIF's
+    focal length aside.
     """
     import pycolmap
 
@@ -49,16 +50,14 @@ def run(job: Job, progress: Progress) -> Answer:
     except StageError as error:
         failure = error
     best = first.answer
-    attempts = () if job.poses_known else further_attempts(config, len(job.views))
-    for number, further in enumerate(attempts, 2):
-        if len(best.registered) >= MOST_VIEWS * len(job.views):
-            break
-        reason = f"{len(best.registered)} of {len(job.views)} views registered"
-        again = Answer(best.mode, threads=job.threads)
-        again.seconds, again.cpu_seconds = dict(best.seconds), dict(best.cpu_seconds)
-        again.fallbacks = [*best.fallbacks, f"{reason}: {further.what}"]
+    for number, further in enumerate(further_attempts(job), 2):
+        if len(best.registered) >= further.below * len(job.views):
+            continue
+        step = f"{len(best.registered)} of {len(job.views)} views registered: {further.what}"
+        again = further.answer(best, step)
         try:
-            next_ = Attempt(job, further.config, again, progress, 0.0, further.thorough, number)
+            settings = further.job, further.config
+            next_ = Attempt(*settings, again, progress, 0.0, further.thorough, number)
             attempt(next_, better_than=best)
             again, failure = next_.answer, None
         except StageError as error:
@@ -67,9 +66,9 @@ def run(job: Job, progress: Progress) -> Answer:
             best = again
         else:
             best.seconds, best.cpu_seconds = again.seconds, again.cpu_seconds
-            best.fallbacks = [*again.fallbacks, "no more views registered that way; not used"]
+            best.fallbacks = further.in_vain(best, again, step)
     if failure is not None:
-        raise StageError("\n".join([str(failure), *advice(best)]))
+        raise StageError("\n".join([str(failure), *advice(best), *of_exif(job)]))
     note = f"{len(best.registered)} of {len(job.views)} views, {best.points} points"
     progress(UNITS, UNITS, note)
     return best

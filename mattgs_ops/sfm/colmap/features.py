@@ -28,7 +28,6 @@ FAINT = 0.25
 GROWTH = 0.02
 # COLMAP registers an image on 30 inliers; twice as many key points are the least to hope for.
 FEW_KEYPOINTS = 60
-COLMAP_KEEPS = 8192  # key points of a photo, COLMAP's own default: what later attempts keep
 ENOUGH_VIEWS = 0.9  # the ladder is climbed until this share of views has more than that
 LAYERS = 3  # per octave, as Lowe and COLMAP have it; OpenCV divides its threshold by them
 # At this share of COLMAP's threshold OpenCV finds about as many key points: 5 % fewer on renders
@@ -91,41 +90,6 @@ class Extraction:
     peak_threshold: float
     grow_share: float = 0.0
     thorough: bool = False
-
-
-@dataclass(frozen=True)
-class Further:
-    """A later attempt: ``what`` is new in it, its settings, and ``Extraction.thorough``."""
-
-    what: str
-    config: SfmConfig
-    thorough: bool
-
-
-def further_attempts(config: SfmConfig, views: int) -> tuple[Further, Further]:
-    """Return the attempts that follow where too few views registered, the cheaper first.
-
-    The first keeps as many key points as COLMAP does, down to the smallest scales, and compares all
-    pairs, as COLMAP does; up to ``similar_limit`` views. The second seeks fainter ones, too, and
-    those of surfaces seen aslant.
-    """
-    all_pairs = config.matcher == "auto" and views <= config.similar_limit
-    most = max(COLMAP_KEEPS, config.max_features)
-    pairs = "all pairs compared" if all_pairs else f"pairs as before ({config.matcher})"
-    more = {
-        "matcher": "exhaustive" if all_pairs else config.matcher,
-        "upsample": True,
-        "max_features": most,
-    }
-    fainter = {**more, "peak_threshold": FAINT * config.peak_threshold}
-    return (
-        Further(f"up to {most:,} key points kept, {pairs}", config.model_copy(update=more), False),
-        Further(
-            f"fainter key points of affine shapes sought by COLMAP's SIFT, up to {most:,} kept",
-            config.model_copy(update=fainter),
-            True,
-        ),
-    )
 
 
 def ladder(config: SfmConfig, *, thorough: bool = False) -> list[tuple[str | None, Extraction]]:

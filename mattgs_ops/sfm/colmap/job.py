@@ -5,10 +5,12 @@ model itself comes back as COLMAP's binary files in ``<workspace>/model``.
 """
 
 import json
-from dataclasses import asdict, dataclass, field
+import math
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from mattgs_ops.capture.photos import FILM_DIAGONAL
 from mattgs_ops.config import SfmConfig
 
 JOB_FILE, ANSWER_FILE, MODEL_FOLDER = "job.json", "answer.json", "model"
@@ -55,6 +57,26 @@ class Job:
     def poses_known(self) -> bool:
         """Whether every view comes with its pose."""
         return all(view.pose is not None for view in self.views)
+
+    @property
+    def exif_focal(self) -> str:
+        """The focal lengths by EXIF that estimation starts from, in words; empty where from none.
+
+        They are 35 mm equivalents, as cameras and programs show them: ``28 to 70 mm``, say.
+        """
+        told = {
+            round(view.focal * FILM_DIAGONAL / math.hypot(view.width, view.height))
+            for view in self.views
+            if view.focal is not None and view.intrinsics is None
+        }
+        if not told:
+            return ""
+        numbers = " to ".join(str(one) for one in sorted({min(told), max(told)}))
+        return f"EXIF's focal length ({numbers} mm, 35 mm equivalent)"
+
+    def without_exif_focal(self) -> "Job":
+        """Return the job without the focal lengths that EXIF tells."""
+        return replace(self, views=tuple(replace(view, focal=None) for view in self.views))
 
     def save(self) -> Path:
         """Write the job into its workspace and return the file."""

@@ -254,8 +254,9 @@ def test_the_focal_length_comes_from_the_35_mm_equivalent() -> None:
     assert exif_focal(exif, (400, 300)) == pytest.approx(28 * 500 / np.hypot(36, 24))
     assert exif_focal(exif, (300, 400)) is not None  # turned since, by a program that left EXIF
     assert exif_focal(exif, (300, 300)) is None  # cut since: nobody knows from how much
-    details[0xA405] = 0  # unknown, says EXIF
-    assert exif_focal(exif, (400, 300)) is None
+    for nonsense in (0, 1, 9999):  # 0: unknown, says EXIF; the others no lens has
+        details[0xA405] = nonsense
+        assert exif_focal(exif, (400, 300)) is None
 
 
 def test_a_camera_goes_by_its_name_and_focal_length() -> None:

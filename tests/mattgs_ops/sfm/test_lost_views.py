@@ -115,6 +115,9 @@ def test_too_few_views_fail_with_the_reasons() -> None:
         _require_registered(capture_of(NAMES), answer_of(), 0.6)
     assert str(error.value).startswith("structure-from-motion placed 4 of 8 views (50%)")
     assert "e.jpg shows only 41 key points" in str(error.value)
+    with pytest.raises(StageError, match="EXIF") as error:
+        _require_registered(capture_of(NAMES), answer_of(), 0.6, ["remove EXIF"])
+    assert str(error.value).endswith("\nremove EXIF")
 
 
 @pytest.fixture

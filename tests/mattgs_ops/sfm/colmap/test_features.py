@@ -153,26 +153,3 @@ def test_the_ladder_lowers_the_threshold_then_grows_the_mask_and_says_so() -> No
     assert grown[1] == features.Extraction(0.0025, 0.02)
     assert faint[0] == "SIFT peak threshold lowered from 0.0100 to 0.0025"
     assert grown[0] == "masks grown by 2% of the longest side for finding key points"
-
-
-@pytest.mark.parametrize(
-    ("matcher", "views", "expected"),
-    [("auto", 120, "exhaustive"), ("auto", 121, "auto"), ("sequential", 30, "sequential")],
-)
-def test_further_attempts_keep_more_and_compare_all_pairs_where_that_is_bearable(
-    matcher: str, views: int, expected: str
-) -> None:
-    usual = SfmConfig.model_validate({"matcher": matcher, "upsample": False})
-    more, fainter = features.further_attempts(usual, views)
-    for further in (more, fainter):
-        assert further.config.matcher == expected
-        assert further.config.upsample
-        assert further.config.max_features == 8192  # COLMAP's own default
-    assert (more.thorough, fainter.thorough) == (False, True)
-    assert more.config.peak_threshold == usual.peak_threshold > fainter.config.peak_threshold
-    assert ("all pairs compared" in more.what) == (expected == "exhaustive")
-
-
-def test_further_attempts_never_keep_fewer_than_were_asked_for() -> None:
-    usual = SfmConfig(max_features=20_000)
-    assert {f.config.max_features for f in features.further_attempts(usual, 30)} == {20_000}

@@ -124,18 +124,22 @@ print(json.dumps([error(plain), results]))
 
 LADDER = """
 import json, sys
+from dataclasses import replace
 from pathlib import Path
 from mattgs_ops.config import SfmConfig
 from mattgs_ops.errors import StageError
 from mattgs_ops.sfm.colmap import attempts
 from mattgs_ops.sfm.colmap.job import Job
 
-path, registers = json.loads(sys.argv[1])
+path, registers, *focal = json.loads(sys.argv[1])
 job, tried = Job.load(Path(path)), []
+if focal:
+    job = replace(job, views=tuple(replace(view, focal=focal[0]) for view in job.views))
 
 def attempt(state, better_than=None):  # one that places as many views as it is told
     count = registers[len(tried)]
     tried.append([state.config.max_features, state.config.matcher, state.thorough])
+    tried[-1] += [view.focal for view in state.job.views[:1] if focal]
     if not count:
         raise StageError(f"attempt {len(tried)} placed no view")
     state.answer.registered = [view.name for view in job.views[:count]]
@@ -231,3 +235,21 @@ def test_no_attempt_that_places_views_is_a_failure_of_the_last(
     job = pipeline._job(box_capture, box_capture.folder / "masks", SfmConfig(), tmp_path, 1).save()
     tried, placed, message = answer(LADDER, str(job), [0, 0, 0])
     assert (len(tried), placed, message) == (3, 0, "attempt 3 placed no view")
+
+
+def test_a_focal_length_by_exif_that_places_too_few_views_is_left_aside_at_last(
+    box_capture: PreparedCapture, tmp_path: Path
+) -> None:
+    job = pipeline._job(box_capture, box_capture.folder / "masks", SfmConfig(), tmp_path, 1).save()
+    with_it = [[*one, 1500.0] for one in (USUAL, MORE, FAINT)]
+    everything = [*with_it, [*FAINT, None]]
+    assert answer(LADDER, str(job), [9], 1500.0)[:2] == [with_it[:1], 9]
+    assert answer(LADDER, str(job), [2, 0, 5], 1500.0)[:2] == [with_it, 5]  # more than half
+    tried, placed, steps = answer(LADDER, str(job), [2, 0, 2, 9], 1500.0)
+    assert (tried, placed) == (everything, 9)
+    assert steps[-1].startswith("2 of 9 views registered: EXIF's focal length (")
+    assert steps[-1].endswith(" left aside, otherwise as before")
+    tried, placed, message = answer(LADDER, str(job), [0, 0, 0, 0], 1500.0)
+    assert (tried, placed) == (everything, 0)
+    assert message.startswith("attempt 4 placed no view\nall attempts but the last started from")
+    assert "EXIF's focal length" in message

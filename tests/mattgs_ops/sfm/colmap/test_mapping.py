@@ -1,5 +1,8 @@
-"""Which views share a camera."""
+"""Which views share a camera, and which focal lengths a camera may have."""
 
+import pycolmap
+
+from mattgs_ops.capture.photos import FOCAL_SHARES
 from mattgs_ops.config import SfmConfig
 from mattgs_ops.sfm.colmap.job import JobView
 from mattgs_ops.sfm.colmap.mapping import FOCAL_GUESS, build_cameras
@@ -24,3 +27,8 @@ def test_photos_of_one_size_share_a_camera_where_exif_names_one_lens() -> None:
     assert [camera.camera_id for camera in cameras] == [1, 1, 2, 3, 4, 3, 5, 6]
     assert cameras[0].focal_length == FOCAL_GUESS * 40
     assert cameras[6].focal_length == 50
+
+
+def test_a_focal_length_by_exif_keeps_to_colmap_s_own_bounds() -> None:
+    options = pycolmap.IncrementalPipelineOptions()
+    assert (options.min_focal_length_ratio, options.max_focal_length_ratio) == FOCAL_SHARES

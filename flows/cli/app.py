@@ -1,13 +1,15 @@
 """``mattgs``: the command line. Light at the top: every command imports what it needs itself."""
 
 import errno
+import logging
+import os
 import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 
@@ -22,6 +24,7 @@ from flows.cli.arguments import (
     one_folder,
 )
 from flows.cli.making import captures, segment
+from flows.services import background
 from mattgs_ops.errors import InputError, MattgsError
 
 AGAIN_SECONDS = 0.05  # after which a Ctrl-C that was dropped comes again
@@ -242,6 +245,7 @@ def _heeding_interrupts() -> Iterator[set[int]]:
         yield came
     finally:
         sys.unraisablehook = before[0]
+        signal.setitimer(signal.ITIMER_REAL, 0)  # with what was there before it ends the process
         signal.signal(signal.SIGALRM, before[1])
         signal.signal(signal.SIGTERM, before[2])
 
@@ -273,12 +277,22 @@ def main() -> None:
             raise
         sys.stderr.write(f"mattgs: {told}\n")
         sys.exit(EXIT_FAILED)
-    except SystemExit as ended:
-        if ended.code != EXIT_INTERRUPTED:  # what Typer makes of Ctrl-C, without a word
-            raise
-        how = "ended by SIGTERM" if signal.SIGTERM in came else "interrupted"
-        sys.stderr.write(f"mattgs: {how}; the same command goes on from here\n")
-        sys.exit(EXIT_TERMINATED if signal.SIGTERM in came else EXIT_INTERRUPTED)
+    except (SystemExit, KeyboardInterrupt) as ended:
+        if isinstance(ended, SystemExit) and ended.code != EXIT_INTERRUPTED:
+            raise  # that code is what Typer makes of Ctrl-C, without a word
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # a further one would break off the exit
+        logging.disable()  # what Prefect could not bring to its end, it would tell at length
+        _end_interrupted(terminated=signal.SIGTERM in came)
+
+
+def _end_interrupted(*, terminated: bool) -> NoReturn:
+    """End the process, and say so; at once where threads are at work that would not notice."""
+    how = "ended by SIGTERM" if terminated else "interrupted"
+    sys.stderr.write(f"mattgs: {how}; the same command goes on from here\n")
+    code = EXIT_TERMINATED if terminated else EXIT_INTERRUPTED
+    if background.at_work():
+        os._exit(code)
+    sys.exit(code)
 
 
 if __name__ == "__main__":

@@ -8,7 +8,8 @@ from typing import Self
 class Background(threading.Thread):
     """Run a function in a thread; :meth:`finish` waits and raises what it raised.
 
-    As a context it ends with its block. It is a daemon: it keeps no process from ending.
+    As a context it ends with its block, unless that is interrupted. It is a daemon: it keeps no
+    process from ending.
     """
 
     def __init__(self, function: Callable[[], object]) -> None:
@@ -33,5 +34,16 @@ class Background(threading.Thread):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: object) -> None:
-        self.join()
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if not interrupted(kind):
+            self.join()
+
+
+def interrupted(kind: type[BaseException] | None) -> bool:
+    """Whether a block was left by Ctrl-C or the like: the process is to end without more work."""
+    return kind is not None and not issubclass(kind, (Exception, SystemExit))
+
+
+def at_work() -> bool:
+    """Whether some are: an interpreter that is taken down under their imports may crash."""
+    return any(isinstance(thread, Background) for thread in threading.enumerate())

@@ -8,14 +8,16 @@ The flow does not know the difference.
 
 import fcntl
 import os
+import sys
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
+from urllib.request import getproxies_environment
 
 from flows.services import dask_cluster, prefect_settings, registries
-from flows.services.background import Background
+from flows.services.background import Background, interrupted
 from flows.services.prefect_server import PrefectServer
 from mattgs_ops.config import RunConfig
 from mattgs_ops.errors import InputError
@@ -37,7 +39,10 @@ QUIET = {
     "MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR": "false",
     "MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT": "true",  # a server's; else two lines per run
     "GIT_PYTHON_REFRESH": "quiet",
+    # semaphores of a process that had no time to end well: they are removed
+    "PYTHONWARNINGS": "ignore:resource_tracker:UserWarning",
 }
+OWN_MACHINE = ("127.0.0.1", "localhost")
 
 
 @dataclass(frozen=True)
@@ -67,8 +72,21 @@ def enter(out: Path) -> None:
     """
     for key, value in QUIET.items():
         os.environ.setdefault(key, value)
+    _reach_own_machine_directly()
     prefect_settings.use_own_home(out)
     correct_places(out)
+
+
+def _reach_own_machine_directly() -> None:
+    """Name this machine among what no proxy is asked for: our own services are here."""
+    if not getproxies_environment():
+        return
+    spared = os.environ.get("no_proxy") or os.environ.get("NO_PROXY") or ""
+    names = [name.strip() for name in spared.split(",") if name.strip()]
+    if "*" not in names:
+        names += [name for name in OWN_MACHINE if name not in names]
+    # lower and upper case: which of the two counts, and where, differs among libraries
+    os.environ["no_proxy"] = os.environ["NO_PROXY"] = ",".join(names)
 
 
 def enter_existing(out: Path) -> None:
@@ -111,14 +129,25 @@ class Starting:
             variables = {"PREFECT_API_URL": api, "MLFLOW_TRACKING_URI": self._tracking}
             stack.enter_context(_environment(**variables))
             self._api, self._stack = api, stack.pop_all()
-        self._mlflow = Background(lambda: runs.initialise(self._tracking))
+        self._mlflow = Background(self._initialise)
         self._workers = Background(self._start_cluster)
         return self
 
-    def __exit__(self, *_: object) -> None:
-        self._mlflow.join()  # a process that ends would leave its database half made
-        self._workers.join()
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        """End what is ours; what is still starting is not waited for on an interruption.
+
+        It ends with the process, and has left nothing half made: see :func:`_remove_unfinished`.
+        """
+        if kind is not None and issubclass(kind, KeyboardInterrupt):
+            sys.stderr.write("mattgs: interrupted; ending its services\n")
+        if not interrupted(kind):
+            self._mlflow.join()
+            self._workers.join()
         self._stack.close()
+
+    def _initialise(self) -> None:
+        _remove_unfinished(self._tracking)
+        runs.initialise(self._tracking)
 
     def _start_cluster(self) -> None:
         self._cluster = self._stack.enter_context(dask_cluster.started(self._out, self._run))
@@ -144,6 +173,20 @@ class Starting:
             self._cluster.scheduler,
             self._cluster.dashboard,
         )
+
+
+def _remove_unfinished(tracking: str) -> None:
+    """Remove databases that nobody finishes: the lock is held by whoever makes one."""
+    if not tracking.startswith(registries.SQLITE):
+        return
+    file = Path(tracking.removeprefix(registries.SQLITE))
+    left = list(file.parent.glob(f"{file.name}.*.part*"))
+    if not left:
+        return
+    with file.with_name(f"{file.name}.lock").open("w") as lock, suppress(BlockingIOError):
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        for path in left:
+            path.unlink(missing_ok=True)
 
 
 @contextmanager

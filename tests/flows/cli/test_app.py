@@ -1,10 +1,12 @@
 """The command line: quick to answer, plain about what is wrong, no tracebacks."""
 
 import json
+import logging
 import os
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from importlib.metadata import version
 from pathlib import Path
 
@@ -13,9 +15,23 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from flows.cli import app
+from flows.services import background
 from reports.gate import baseline
 
 HEAVY = ("torch", "prefect", "mlflow", "dask", "distributed", "cv2", "pycolmap", "onnxruntime")
+
+
+@pytest.fixture(autouse=True)
+def _ctrl_c(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Give Ctrl-C and logs back to the tests: an interrupted program has none from its end on.
+
+    A thread of another test would make it end this process.
+    """
+    monkeypatch.setattr(background, "at_work", lambda: False)
+    before = signal.getsignal(signal.SIGINT)
+    yield
+    signal.signal(signal.SIGINT, before)
+    logging.disable(logging.NOTSET)
 
 
 def mattgs(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
@@ -179,6 +195,58 @@ def test_ctrl_c_that_comes_while_memory_is_freed_is_no_less_heard(machine: str) 
     )
     assert done.returncode == app.EXIT_INTERRUPTED
     assert done.stderr == "mattgs: interrupted; the same command goes on from here\n"
+
+
+# what still ends with the process, after the end was told
+ATEXIT = """
+import atexit, logging, signal, sys, threading, time
+from flows.cli import app, run
+from flows.services.background import Background
+
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
+def close():
+    signal.raise_signal(signal.SIGINT)
+    time.sleep(3 * app.AGAIN_SECONDS)
+    logging.getLogger("prefect").critical("a server that does not answer any more")
+    print("closed")
+
+def work(*_, **__):
+    if at_work:
+        Background(threading.Event().wait)
+    signal.setitimer(signal.ITIMER_REAL, app.AGAIN_SECONDS)  # as where Ctrl-C was dropped
+    raise KeyboardInterrupt
+
+atexit.register(close)
+run.run_benchmark = work
+at_work = bool(sys.argv[1:])
+sys.argv = ["mattgs", "run"]
+app.main()
+"""
+
+
+@pytest.mark.parametrize(("at_work", "printed"), [([], "closed\n"), (["yes"], "")])
+def test_after_the_end_was_told_no_ctrl_c_is_heard_and_nothing_is_taken_down_under_threads(
+    at_work: list[str], printed: str
+) -> None:
+    command = [sys.executable, "-c", ATEXIT, *at_work]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
+    assert done.returncode == app.EXIT_INTERRUPTED
+    assert done.stdout == printed
+    assert done.stderr == "mattgs: interrupted; the same command goes on from here\n"
+
+
+def test_ctrl_c_again_while_the_first_is_being_told_ends_as_the_first_would(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted() -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(app, "app", interrupted)
+    with pytest.raises(SystemExit) as ended:
+        app.main()
+    assert ended.value.code == app.EXIT_INTERRUPTED
+    assert capsys.readouterr().err == "mattgs: interrupted; the same command goes on from here\n"
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ from threading import Event
 
 import pytest
 
-from flows.services.background import Background
+from flows.services.background import Background, at_work
 from mattgs_ops.errors import InputError
 
 
@@ -35,6 +35,22 @@ def test_as_a_context_it_ends_with_its_block_and_an_error_in_the_block_comes_fir
     with pytest.raises(KeyError):
         block()
     assert ended
+
+
+def test_an_interruption_does_not_wait_for_it() -> None:
+    let, ended = Event(), []
+
+    def work() -> None:
+        let.wait(60)
+        ended.append(True)
+
+    thread = Background(work)
+    with pytest.raises(KeyboardInterrupt), thread:
+        raise KeyboardInterrupt
+    assert not ended
+    assert at_work()
+    let.set()
+    thread.join()
 
 
 def test_it_never_keeps_a_process_from_ending() -> None:

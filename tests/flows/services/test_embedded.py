@@ -1,0 +1,109 @@
+"""Our own services while they start: what an interruption waits for, and what it leaves."""
+
+import fcntl
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from threading import Event, Timer
+
+import pytest
+
+from flows.services import dask_cluster, embedded, prefect_settings
+from mattgs_ops.config import RunConfig
+from mattgs_ops.errors import InputError
+from tasks.registry import runs
+
+
+class Slow:
+    """Services that are up when they are let."""
+
+    def __init__(self) -> None:
+        self.let = Event()
+        self.up: list[str] = []
+
+    def initialise(self, _: str) -> None:
+        self.let.wait(60)
+        self.up.append("mlflow")
+
+    @contextmanager
+    def started(self, _: Path, __: RunConfig) -> Iterator[None]:
+        self.let.wait(60)
+        self.up.append("dask")
+        yield
+
+
+@pytest.fixture
+def slow(monkeypatch: pytest.MonkeyPatch) -> Iterator[Slow]:
+    """Replace MLflow and Dask; Prefect is named and answers."""
+    slow = Slow()
+    monkeypatch.setattr(prefect_settings, "api_url", lambda: "http://127.0.0.1:4200/api")
+    monkeypatch.setattr(prefect_settings, "check", lambda _: None)
+    monkeypatch.setattr(runs, "initialise", slow.initialise)
+    monkeypatch.setattr(dask_cluster, "started", slow.started)
+    yield slow
+    slow.let.set()
+
+
+def test_ctrl_c_does_not_wait_for_what_is_still_starting_and_is_answered_at_once(
+    slow: Slow, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    starting = embedded.Starting(tmp_path, RunConfig(), 1)
+    with pytest.raises(KeyboardInterrupt), starting:
+        raise KeyboardInterrupt
+    assert slow.up == []
+    assert capsys.readouterr().err == "mattgs: interrupted; ending its services\n"
+    assert "PREFECT_API_URL" not in os.environ, "all else has ended"
+    slow.let.set()
+    for thread in (starting._mlflow, starting._workers):
+        thread.join()
+
+
+def test_after_an_error_nothing_goes_on_starting(
+    slow: Slow, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Timer(0.2, slow.let.set).start()
+    with pytest.raises(InputError), embedded.Starting(tmp_path, RunConfig(), 1):
+        raise InputError("no such photo")
+    assert sorted(slow.up) == ["dask", "mlflow"]
+    assert capsys.readouterr().err == ""
+
+
+def test_a_registry_that_was_broken_off_is_removed_unless_somebody_makes_it(
+    slow: Slow, tmp_path: Path
+) -> None:
+    slow.let.set()
+    left = [tmp_path / f"mlflow.db.4711.part{tail}" for tail in ("", "-journal")]
+    for path in left:
+        path.touch()
+    starting = embedded.Starting(tmp_path, RunConfig(), 1)
+    with (tmp_path / "mlflow.db.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        with starting:
+            pass
+    assert all(path.exists() for path in left)
+    with starting:
+        pass
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["mlflow.db.lock"]
+
+
+LEFT = """
+import os, sys
+from pathlib import Path
+from flows.services import embedded
+embedded.enter(Path(sys.argv[1]))
+from multiprocessing import get_context, resource_tracker
+lock = get_context("spawn").Lock()
+os._exit(0)
+"""
+
+
+def test_semaphores_of_a_process_that_ended_at_once_are_removed_without_a_word(
+    tmp_path: Path,
+) -> None:
+    environment = {name: at for name, at in os.environ.items() if name != "PYTHONWARNINGS"}
+    command = [sys.executable, "-c", LEFT, str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
+    assert done.stderr == ""

@@ -1,6 +1,7 @@
 """Which run of a benchmark wrote its rows: begun, ended or broken off, in one small file.
 
-``benchmarks/NAME/run.json`` belongs to the newest run. Call :func:`problem` before
+``benchmarks/NAME/run.json`` belongs to the newest run: one that began before it and still works
+leaves it alone, and is named in it (``beside``). Call :func:`problem` before
 judging rows: a run that broke off leaves the rows of the one before, which say nothing of it.
 """
 
@@ -26,7 +27,7 @@ class RunRecord:
     """One run; ``rows`` is the digest of the rows that it wrote, ``sitting`` what it measures as.
 
     ``sitting`` is None where speeds that are known are taken as they are. ``process`` is the one
-    that runs it, on ``machine``.
+    that runs it, on ``machine``; ``beside`` those of other runs that were at work on that machine.
     """
 
     id: str
@@ -38,6 +39,7 @@ class RunRecord:
     sitting: str | None = None
     process: int = 0
     machine: str = ""
+    beside: tuple[tuple[int, str], ...] = ()
 
 
 def begin(folder: Path, run: str | None = None, *, remeasure: bool = False) -> RunRecord:
@@ -53,13 +55,26 @@ def begin(folder: Path, run: str | None = None, *, remeasure: bool = False) -> R
         left = before is not None and before.state != "ended" and before.sitting
         sitting = left or name
     here: dict[str, Any] = {"process": os.getpid(), "machine": gethostname()}
-    record = RunRecord(name, "running", _now(), sitting=sitting, **here)
+    record = RunRecord(name, "running", _now(), sitting=sitting, beside=_at_work(before), **here)
     _write(folder, record)
     return record
 
 
+def _at_work(before: RunRecord | None) -> tuple[tuple[int, str], ...]:
+    """Return the processes of other runs that surely live: those of this machine that are there."""
+    if before is None:
+        return ()
+    newest = [(before.process, before.machine)] if before.state == "running" else []
+    own, here = os.getpid(), gethostname()
+    others = [one for one in (*newest, *before.beside) if one != (own, here)]
+    return tuple(one for one in others if one[1] == here and not gone(*one))
+
+
 def end(folder: Path, record: RunRecord, reason: str = "") -> None:
-    """Note that a run has ended, or broke off for a reason."""
+    """Note that a run has ended, or broke off for a reason; a newer run's record stays."""
+    now = read(folder)
+    if now is not None and now.id != record.id:
+        return
     rows = folder / ROWS
     if reason or not rows.is_file():
         reason = reason or "it wrote no rows"
@@ -71,17 +86,31 @@ def end(folder: Path, record: RunRecord, reason: str = "") -> None:
 def read(folder: Path) -> RunRecord | None:
     """Return the record of the newest run; None where there is none, or none that can be read."""
     try:
-        return RunRecord(**json.loads((folder / FILE).read_text(encoding="utf-8")))
-    except (OSError, ValueError, TypeError):
+        values = json.loads((folder / FILE).read_text(encoding="utf-8"))
+        beside = tuple((int(process), str(name)) for process, name in values.pop("beside", ()))
+        return RunRecord(**values, beside=beside)
+    except (OSError, ValueError, TypeError, AttributeError):
         return None
 
 
 def over(folder: Path) -> bool:
-    """Whether the newest run ended, broke off or was killed; False where nothing tells."""
+    """Whether the newest run ended, broke off or was killed, and none works that began before it.
+
+    False where nothing tells.
+    """
     record = read(folder)
-    if record is None:
+    if record is None or not all(gone(*one) for one in record.beside):
         return False
     return record.state != "running" or gone(record.process, record.machine)
+
+
+def broken_off(folder: Path) -> str:
+    """Say why the newest run did not come to its end; empty where it did, or is under way."""
+    record = read(folder)
+    if record is None or record.state == "ended":
+        return ""
+    lives = record.state == "running" and not gone(record.process, record.machine)
+    return "" if lives else problem(folder)
 
 
 def problem(folder: Path, run: str | None = None) -> str:
@@ -94,6 +123,8 @@ def problem(folder: Path, run: str | None = None) -> str:
         return f"run {run} has left no record in {folder}: it never began" if run else ""
     if run is not None and record.id != run:
         return f"the rows are of the run {record.id}, begun {record.began}, not of {run}"
+    if record.state == "running" and gone(record.process, record.machine):
+        return f"the run {record.id}, begun {record.began}, has not ended: its process is gone"
     if record.state == "running":
         return (
             f"the run {record.id}, begun {record.began}, has not ended: it is under way, or it was "

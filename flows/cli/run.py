@@ -47,15 +47,29 @@ def run_benchmark(
     record = run_record.begin(folder, run, remeasure=remeasure)
     kept = config.run.model_copy(update={"sitting": record.sitting})
     try:
-        complete = _run(config.model_copy(update={"run": kept}), out, died)
+        complete = _run(config.model_copy(update={"run": kept}), out, died, record)
     except BaseException as error:  # Ctrl-C too: its rows are not there
-        run_record.end(folder, record, str(error) or type(error).__name__)
+        reason = _reason(error)
+        run_record.end(folder, record, reason)
+        if isinstance(error, SystemExit):
+            raise MattgsError(f"{reason}; the same command goes on from here") from error
         raise
     run_record.end(folder, record)
     return complete
 
 
-def _run(config: BenchmarkConfig, out: Path, died: int) -> bool:
+def _reason(error: BaseException) -> str:
+    """Say in words why a run broke off."""
+    if isinstance(error, KeyboardInterrupt):
+        return "it was interrupted"
+    if isinstance(error, SystemExit):
+        if isinstance(error.__context__, BrokenPipeError):  # Rich ends the program
+            return "what read its output has ended"
+        return f"a library ended it with exit code {error.code}"
+    return str(error) or type(error).__name__
+
+
+def _run(config: BenchmarkConfig, out: Path, died: int, record: run_record.RunRecord) -> bool:
     """Start what is needed, run the flow, print its tables."""
     began = time.monotonic()
     console = Console(soft_wrap=True)
@@ -64,7 +78,12 @@ def _run(config: BenchmarkConfig, out: Path, died: int) -> bool:
     place = Place(out, config.name, config.run, len(config.captures), own_version())
     if config.run.store is not None:
         RemoteStore(config.run.store).check()
-    count = _plan(place, config)
+    others = ", ".join(str(process) for process, _ in record.beside)
+    if others:
+        text = f"another run of {config.name} is at work in {out} (process {others}); "
+        text += "rows and report will be those of the run that ends last"
+        console.print(f"! {text}", style="yellow", markup=False, highlight=False)
+    count = _plan(place, config, alone=not others)
     with in_use(Store(place.store)), embedded.Starting(out, config.run, died) as starting:
         with terminal.watch(place.status, count, console, dask_cluster.worker_count(config.run)):
             with Background(_import_flow) as flow:  # while preparation waits for its processes
@@ -78,14 +97,21 @@ def _run(config: BenchmarkConfig, out: Path, died: int) -> bool:
     return complete
 
 
-def _plan(place: Place, config: BenchmarkConfig) -> int:
-    """Write the status of every stage of the grid, none begun; return their number."""
+def _plan(place: Place, config: BenchmarkConfig, *, alone: bool = True) -> int:
+    """Write the status of every stage of the grid, none begun; return how many have one.
+
+    Where this run is not ``alone``, all that another has written stays until this one gets there.
+    """
     planned = {place.status / f"{slug(stage[1])}.json": stage for stage in stages(config)}
-    for old in set(place.status.glob("*.json")) - planned.keys():
-        old.unlink(missing_ok=True)
-    for path, (kind, title) in planned.items():
+    there = set(place.status.glob("*.json"))
+    if alone:
+        for old in there - planned.keys():
+            old.unlink(missing_ok=True)
+        there = set()
+    for path in planned.keys() - there:
+        kind, title = planned[path]
         status.StatusFile(path).plan(title, kind)
-    return len(planned)
+    return len(planned.keys() | there)
 
 
 def _import_flow() -> None:

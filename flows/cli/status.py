@@ -37,15 +37,18 @@ def print_status(out: Path, benchmark: str | None) -> None:
     if not console.is_terminal:
         console = Console(width=max(console.width, NARROWEST))
     for name in names if benchmark is None else [benchmark]:
-        over = run_record.over(out / "benchmarks" / name)
-        _print(name, experiments(status.read_all(folder / name), over=over), console)
+        record = out / "benchmarks" / name
+        progress = experiments(status.read_all(folder / name), over=run_record.over(record))
+        _print(name, progress, run_record.broken_off(record), console)
 
 
-def _print(name: str, progress: list[Experiment], console: Console) -> None:
+def _print(name: str, progress: list[Experiment], broken_off: str, console: Console) -> None:
     counts = Counter(one.state for one in progress)
     states = ", ".join(f"{counts[state]} {state}" for state in sorted(counts))
     noun = "experiment" if len(progress) == 1 else "experiments"
     console.print(f"Benchmark {name}: {len(progress)} {noun}: {states}", highlight=False)
+    if broken_off:
+        console.print(f"! {broken_off}", style="yellow", markup=False, highlight=False)
     captures = {one.name.partition(" ")[0]: one for one in progress}
     shared = _table("Capture", _kinds(progress, (*OF_A_CAPTURE, SPEED)))
     for capture, one in captures.items():

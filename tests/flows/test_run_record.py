@@ -1,7 +1,11 @@
 """Rows are judged only when they are of a run that ended, and of the one that was meant."""
 
 import json
+import os
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from socket import gethostname
 from typing import Any
 
 import pytest
@@ -9,8 +13,9 @@ import pytest
 from flows import run_record, scheduled
 from flows.cli import run as running
 from flows.gate import judge, make_baseline
+from flows.run_record import RunRecord
 from mattgs_ops.config import BenchmarkConfig, RunConfig
-from mattgs_ops.errors import InputError
+from mattgs_ops.errors import InputError, MattgsError
 from reports.gate import baseline
 from reports.gate.findings import Exit
 
@@ -89,14 +94,13 @@ def test_a_benchmark_leaves_a_record_of_how_it_went(
     folder = tmp_path / "benchmarks" / NAME
     seen: list[RunConfig] = []
 
-    def good(config: BenchmarkConfig, out: Path, died: int) -> bool:
-        assert died == 1
+    def good(config: BenchmarkConfig, out: Path, died: int, record: RunRecord) -> bool:
+        assert (died, record.id) == (1, "one")
         seen.append(config.run)
         write_rows(out / "benchmarks" / NAME)
         return True
 
-    def interrupted(config: BenchmarkConfig, out: Path, died: int) -> bool:
-        del config, out, died
+    def interrupted(*_: object) -> bool:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(running, "_run", good)
@@ -107,7 +111,67 @@ def test_a_benchmark_leaves_a_record_of_how_it_went(
     with pytest.raises(KeyboardInterrupt):
         running.run_benchmark(config, tmp_path, run="two")
     assert "the run two" in run_record.problem(folder)
-    assert "broke off: KeyboardInterrupt" in run_record.problem(folder)
+    assert "broke off: it was interrupted" in run_record.problem(folder)
+
+
+def closed(*_: object) -> bool:
+    try:
+        raise BrokenPipeError
+    except BrokenPipeError:
+        raise SystemExit(1)  # noqa: B904 - as Rich does
+
+
+def refused(*_: object) -> bool:
+    raise SystemExit(7)
+
+
+@pytest.mark.parametrize(
+    ("ends", "reason"),
+    [
+        (closed, "what read its output has ended"),
+        (refused, "a library ended it with exit code 7"),
+    ],
+)
+def test_a_run_that_a_library_ends_says_why_in_words(
+    ends: Callable[..., bool], reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As ``mattgs run | head -1`` does, where a line that nobody reads ends the program."""
+    monkeypatch.setattr(running, "_run", ends)
+    with pytest.raises(MattgsError, match=f"^{reason}; the same command goes on from here$"):
+        running.run_benchmark(BenchmarkConfig(name=NAME), tmp_path)
+    assert run_record.problem(tmp_path / "benchmarks" / NAME).endswith(f"broke off: {reason}")
+
+
+def in_another_process(folder: Path, run: str) -> RunRecord:
+    """Begin a run in a process that lives while this test does."""
+    record = replace(run_record.begin(folder, run), process=os.getppid())
+    run_record._write(folder, record)
+    return record
+
+
+def test_a_run_that_ends_leaves_the_record_of_a_newer_one(tmp_path: Path) -> None:
+    older = in_another_process(tmp_path, "older")
+    newer = run_record.begin(tmp_path, "newer")
+    assert newer.beside == ((os.getppid(), gethostname()),)
+    assert older.beside == ()
+    for reason in ("", "interrupted"):
+        run_record.end(tmp_path, older, reason)
+        assert run_record.read(tmp_path) == newer
+    (tmp_path / "rows.json").write_text("[]")
+    run_record.end(tmp_path, newer)
+    assert run_record.problem(tmp_path, "newer") == ""
+
+
+def test_nothing_is_over_while_an_older_run_of_the_name_is_at_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    in_another_process(tmp_path, "older")
+    for run in ("newer", "newest"):
+        run_record.end(tmp_path, run_record.begin(tmp_path, run), "no space left")
+        assert not run_record.over(tmp_path)
+    monkeypatch.setattr(run_record, "gone", lambda process, _: process == os.getppid())
+    assert run_record.over(tmp_path)
+    assert run_record.begin(tmp_path).beside == ()
 
 
 @pytest.mark.usefixtures("folder")

@@ -5,12 +5,15 @@ from threading import Barrier
 
 import pytest
 
+from flows import run_record
 from flows.cli import run
+from flows.services import embedded
 from mattgs_ops.config import BenchmarkConfig, CaptureConfig, RunConfig
 from mattgs_ops.errors import InputError
+from mattgs_ops.naming import slug
 from tasks.prepare import prepare
 from tasks.stages.stage import Place
-from tasks.stages.status import read_all
+from tasks.stages.status import StatusFile, read_all
 
 
 def test_a_capture_that_is_not_there_is_told_before_the_others_run(
@@ -64,3 +67,41 @@ def test_a_smaller_grid_of_the_same_name_leaves_no_stage_of_the_larger(tmp_path:
     assert run._plan(place, large) == len(read_all(place.status))
     assert run._plan(place, small) == len(read_all(place.status))
     assert not [one for one in read_all(place.status) if "seed 0" in one.title]
+
+
+def test_beside_another_run_of_the_name_its_stages_stay_and_it_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    place = Place(tmp_path, "b")
+    grids = [
+        BenchmarkConfig(name="b", captures=(CaptureConfig(name="rover"),), seeds=seeds)
+        for seeds in ((0, 1), (1,))
+    ]
+    count = run._plan(place, grids[0])
+    titles = ("train rover nobg-3dgs seed 1", "evaluate rover nobg-3dgs seed 1")
+    for title, state in zip(titles, ("running", "done"), strict=True):
+        file = StatusFile(place.status / f"{slug(title)}.json")
+        file.begin(title, title.split(maxsplit=1)[0])
+        if state == "done":
+            file.end("done")
+    counts = []
+    planned = run._plan
+
+    def plan(place: Place, config: BenchmarkConfig, *, alone: bool = True) -> int:
+        counts.append(planned(place, config, alone=alone))
+        raise InputError("no further")
+
+    monkeypatch.setattr(run, "_plan", plan)
+    monkeypatch.setattr(embedded, "enter", lambda _: None)
+    record = run_record.RunRecord("new", "running", "", beside=((4711, "here"),))
+    with pytest.raises(InputError, match="no further"):
+        run._run(grids[1], tmp_path, 1, record)
+    states = {one.title: one.state for one in read_all(place.status)}
+    assert counts == [count] == [len(states)]
+    assert [states[title] for title in titles] == ["running", "done"]
+    told = capsys.readouterr().out
+    assert told.startswith(f"! another run of b is at work in {tmp_path} (process 4711); ")
+    with pytest.raises(InputError, match="no further"):
+        run._run(grids[1], tmp_path, 1, run_record.RunRecord("alone", "running", ""))
+    assert capsys.readouterr().out == ""
+    assert counts[1] == len(read_all(place.status)) < count

@@ -71,6 +71,32 @@ def test_what_waits_for_a_run_that_is_over_is_interrupted(
     assert told() == "Benchmark b: 2 experiments: 2 interrupted"
 
 
+def test_a_run_that_broke_off_after_its_last_stage_is_not_just_done(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def told() -> list[str]:
+        status.print_status(folder.parents[1], "b")
+        lines = capsys.readouterr().out.splitlines()
+        assert lines[0] == "Benchmark b: 2 experiments: 2 done"
+        return [line for line in lines if line.startswith("!")]
+
+    for one in read_all(folder):
+        end(folder, one.title, "done")
+    assert told() == [], "without a record nothing tells"
+    benchmark = folder.parents[1] / "benchmarks" / "b"
+    record = run_record.begin(benchmark, "tonight")
+    assert told() == []
+    with monkeypatch.context() as killed:
+        killed.setattr(run_record, "gone", lambda process, _: process == os.getpid())
+        run = f"! the run tonight, begun {record.began},"
+        assert told() == [f"{run} has not ended: its process is gone"]
+    run_record.end(benchmark, record, "it was interrupted")
+    assert told() == [f"{run} broke off: it was interrupted"]
+    (benchmark / "rows.json").write_text("[]")
+    run_record.end(benchmark, run_record.begin(benchmark))
+    assert told() == []
+
+
 def test_nothing_is_cut_at_eighty_columns(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

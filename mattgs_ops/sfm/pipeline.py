@@ -28,7 +28,7 @@ from mattgs_ops.capture.sparse import SparseModel
 from mattgs_ops.config import SfmConfig
 from mattgs_ops.errors import InputError, StageError
 from mattgs_ops.progress import Progress, no_progress
-from mattgs_ops.sfm import alignment, assemble, figure, given_points, lost_views
+from mattgs_ops.sfm import alignment, assemble, figure, given_points, given_poses, lost_views
 from mattgs_ops.sfm.checks import check, check_given_cameras, keeps_poses, mask_path
 from mattgs_ops.sfm.colmap.job import KEYPOINTS_FILE, MODEL_FOLDER, Answer, Job, JobView
 from mattgs_ops.sfm.colmap.process import run_worker
@@ -199,12 +199,16 @@ def _report(
         "registered_share": len(answer.registered) / len(capture.views),
         "missing": [view.to_json() for view in lost_views.lost_views(capture, answer)],
         "second_groups": lost_views.second_groups(answer),
-        "warnings": lost_views.warnings(capture, answer),
-        "poses_in_doubt": lost_views.in_doubt(capture, answer),
+        "warnings": [*lost_views.warnings(capture, answer), *given_poses.warnings(answer)],
+        "poses_in_doubt": lost_views.in_doubt(capture, answer) or given_poses.in_doubt(answer),
         "empty_masks": empty,
         "dropped": empty,  # until other views lend them a mask
         "models": answer.models,
-        "object_motion": {name: round(share, 4) for name, share in answer.object_motion.items()},
+        "object_motion": {
+            name: None if share is None else round(share, 4)
+            for name, share in answer.object_motion.items()
+        },
+        "given_cameras": answer.given_cameras,
         "keypoints": {"original": whole, "masked": masked},
         "keypoint_reduction": 1 - masked / whole if whole else None,
         "keypoints_used": answer.used,

@@ -13,6 +13,7 @@ from typing import Any
 from mattgs_ops.capture.scene import FROM_OBJECT
 from mattgs_ops.errors import StageError
 from mattgs_ops.progress import Progress
+from mattgs_ops.sfm import given_poses
 from mattgs_ops.sfm.colmap import features, mapping, matching
 from mattgs_ops.sfm.colmap.features import Features, Matches, Pair
 from mattgs_ops.sfm.colmap.guides import Guides, beside, sets_of
@@ -189,31 +190,32 @@ def _of_whole_or_object(
     before, positions = deepcopy(state.answer), [f.positions for f in found]
     on_object = {pair: one.on_object for pair, one in pairs.items() if one.on_object is not None}
 
-    def explained(model: Any) -> tuple[float, float]:
+    def explained(model: Any) -> tuple[float | None, float | None]:
         return shares_explained(
             on_object,
             mapping.posed(model),
             lambda view, rows: mapping.rays_of(model, view, positions[view][rows]),
         )
 
-    motion, model, failure = {"contradicting": share_contradicting(on_object)}, None, None
-    of_placed = 0.0
+    motion: dict[str, float | None] = {"contradicting": share_contradicting(on_object)}
+    model, failure = None, None
+    of_placed: float | None = 0.0
     try:
         model = _place(state, found, pairs, cameras)
         motion["shared"], of_placed = explained(model)
     except StageError as error:
         failure = error
-    if of_placed < MOST_EXPLAINED:
+    if of_placed is not None and of_placed < MOST_EXPLAINED:
         # clocks run on, whichever way is taken
         before.seconds, before.cpu_seconds = state.answer.seconds, state.answer.cpu_seconds
         alone = replace(state, answer=before)
         try:
             other = _of_object(alone, found, "the object moves against its surroundings")
             motion["masked"], _ = explained(other)
+            if model is None or explains_more(motion["masked"], motion["shared"]):
+                model, state.answer = other, alone.answer
         except StageError as error:
             failure = failure or error
-        if explains_more(motion.get("masked"), motion.get("shared")):
-            model, state.answer = other, alone.answer
     if model is None:
         assert failure is not None
         raise failure
@@ -233,6 +235,7 @@ def _place(state: Attempt, found: Sequence[Features], pairs: Pairs, cameras: Seq
     with beside(job.threads) as helpers:
         if job.poses_known:
             model = mapping.with_poses(job.views, cameras)
+            given_poses.ask_photos(state, found, next(iter(sets.values())), cameras, model)
             guides = Guides(state, found, sets, helpers)
             guides.settle([model])
         else:

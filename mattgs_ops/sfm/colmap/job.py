@@ -113,8 +113,11 @@ class Answer:
     # by view: photos that match it after verification with their inliers, best first
     partners: dict[str, list[tuple[str, int]]] = field(default_factory=dict)
     # of the pairs that show the object, the shares of those that contradict their whole photos and
-    # of those that the poses of each mode explain (moving_object)
-    object_motion: dict[str, float] = field(default_factory=dict)
+    # of those that the poses of each mode explain (moving_object); None where no pair shows it
+    object_motion: dict[str, float | None] = field(default_factory=dict)
+    # pairs of photos that were matched by looks, how many of them given cameras explain, and the
+    # views that contradict all of theirs (given_poses); empty where cameras were estimated
+    given_cameras: dict[str, Any] = field(default_factory=dict)
     models: int = 0
     points: int = 0
     mapped_points: int = 0  # before points were triangulated again with poses held fixed

@@ -63,31 +63,38 @@ def object_matches(
     return ObjectMatches(own, contradicts=2 * shared < len(own))
 
 
-def share_contradicting(found: Mapping[Pair, ObjectMatches]) -> float:
-    """Return the share of pairs that contradict their whole photos; 0 where there is no pair."""
-    return sum(one.contradicts for one in found.values()) / max(len(found), 1)
+def share_contradicting(found: Mapping[Pair, ObjectMatches]) -> float | None:
+    """Return the share of pairs that contradict their whole photos; None where there is no pair."""
+    return sum(one.contradicts for one in found.values()) / len(found) if found else None
 
 
 def shares_explained(
     found: Mapping[Pair, ObjectMatches],
     cameras: Mapping[int, Camera],
     rays: Callable[[int, NDArray[np.uint32]], Floats],
-) -> tuple[float, float]:
+) -> tuple[float | None, float | None]:
     """Return the shares of pairs of which poses explain half of the object's matches.
 
     Of all pairs, where one with a view that has no pose is not explained; and of those whose views
     both have one. ``cameras`` are the views that have a pose, ``rays`` returns key points of a
-    view, named by their rows, on its normalised image plane. 1 without any pair.
+    view, named by their rows, on its normalised image plane. None without any pair.
     """
     placed = [pair for pair in found if set(pair) <= set(cameras)]
-    explained = 0
-    for pair in placed:
-        matches = found[pair].matches
-        here, there = (rays(view, matches[:, side]) for side, view in enumerate(pair))
-        error = epipolar_error(cameras[pair[0]], cameras[pair[1]], here, there)
-        explained += 2 * int((error < LARGEST_ERROR).sum()) >= len(error)
-    of_all, of_placed = (explained / n if n else 1.0 for n in (len(found), len(placed)))
+    count = sum(explained(pair, found[pair].matches, cameras, rays) for pair in placed)
+    of_all, of_placed = (count / n if n else None for n in (len(found), len(placed)))
     return of_all, of_placed
+
+
+def explained(
+    pair: Pair,
+    matches: Matches,
+    cameras: Mapping[int, Camera],
+    rays: Callable[[int, NDArray[np.uint32]], Floats],
+) -> bool:
+    """Whether half of a pair's matches [M, 2] lie on its cameras' epipolar lines, or more."""
+    here, there = (rays(view, matches[:, side]) for side, view in enumerate(pair))
+    error = epipolar_error(cameras[pair[0]], cameras[pair[1]], here, there)
+    return 2 * int((error < LARGEST_ERROR).sum()) >= len(error)
 
 
 def explains_more(alone: float | None, whole: float | None) -> bool:

@@ -1,6 +1,7 @@
 """What the stage leaves as it was, what it does about a low plate, and what it records of both."""
 
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -92,7 +93,7 @@ def test_masks_stay_and_the_scene_says_why(
         soft[20:40, 30:60] = 1
     scene, capture = solved(tmp_path / "in", source, maps)
     done = agree(scene, capture, tmp_path / "out")
-    untested = {"share": None, "contradict": []}  # there are no matches
+    untested: dict[str, Any] = {"share": None, "contradict": []}  # there are no matches
     assert done.extra["agreement"] == {"none": reason, "shared_points": untested}
     assert done.dropped == ("1.jpg",)
     for view in done.views:

@@ -8,16 +8,19 @@ from rich.console import Console
 
 from flows.cli.terminal import bar, duration
 from flows.grid import cells
+from mattgs_ops.capture import visual_hull
 from mattgs_ops.capture.masks import mask_name, read_map
 from mattgs_ops.capture.prepare import prepare
 from mattgs_ops.capture.scene import PreparedCapture, View
-from mattgs_ops.config import BenchmarkConfig, CaptureConfig
+from mattgs_ops.config import BenchmarkConfig, CaptureConfig, SfmConfig
 from mattgs_ops.errors import InputError, StageError
 from mattgs_ops.naming import listed_names
+from mattgs_ops.progress import Progress
 from mattgs_ops.segment.contradictions import LEAST_SHARED, contradictions
 from mattgs_ops.segment.infer import segment
 from mattgs_ops.segment.inspect_photos import AT_SMALL_ANGLES, MOST_LISTED, Inspected, inspect
 from mattgs_ops.segment.mask_report import MaskReport
+from mattgs_ops.segment.matches_by_cameras import LEAST_EXPLAINED, share_explained
 from mattgs_ops.segment.quick_matches import shrunk_mask
 from mattgs_ops.sfm.checks import check_given_cameras, keeps_poses
 from mattgs_ops.sfm.lost_views import MOST_VIEWS
@@ -35,6 +38,9 @@ A_PHOTO = 0.65  # segmentation and agreement between views
 A_STEP = 0.02  # of a training at 320 pixels
 A_TRAINING = 10.5  # scores and speed
 WORKERS = 2
+# By lenses of up to 53 degrees the masks' hull reaches half of the way from the object to the
+# cameras (`visual_hull.shared_cube`)
+BEFORE_OBJECT = 2.0
 
 
 def check(config: BenchmarkConfig, out: Path) -> bool:
@@ -89,12 +95,15 @@ def _look(
             )
         except StageError as error:
             raise InputError(str(error)) from error
+        masks = out / "segmented" / "masks"
+        views = [replace(view, mask=masks / mask_name(view.name)) for view in prepared.views]
+        about_cameras = []
+        if given and prepared.points is None:
+            about_cameras = _about_cameras(prepared, views, config.sfm, progress)
     good = seen.placed >= config.sfm.min_registered * len(seen.names)
-    masks = out / "segmented" / "masks"
-    views = [replace(view, mask=masks / mask_name(view.name)) for view in prepared.views]
     sheet = _sheet(views, report, out)
-    about_masks = _about_masks(seen, report, views)
-    lines = [*_lines(prepared, seen, about_masks, good=good), f"masks: {sheet}"]
+    about = [*about_cameras, *_about_masks(seen, report, views)]
+    lines = [*_lines(prepared, seen, about, good=good), f"masks: {sheet}"]
     all_placed = given or seen.placed >= MOST_VIEWS * len(seen.names)
     return lines, seconds(prepared, config) if good else None, all_placed
 
@@ -105,6 +114,35 @@ def _check_cameras(capture: PreparedCapture, least: float) -> None:
     if capture.points is not None:
         trained = [v.camera for v in capture.views if v.split == "train" and v.camera is not None]
         check_units(capture.name, trained, capture.points.xyz)
+
+
+def _about_cameras(
+    capture: PreparedCapture, views: Sequence[View], config: SfmConfig, progress: Progress
+) -> list[str]:
+    """Say whether cameras that came along without points show one object, and in usable units.
+
+    Raises :class:`InputError` with a run's own words where a run would surely fail. It triangulates
+    points, which only matches can tell of, and takes some of the hull where there are few.
+    """
+    try:
+        hull = visual_hull.fill(views, config.random_points, config.seed)
+    except StageError as error:
+        matches = inspect(capture, estimate=True, progress=progress).matches
+        explained = share_explained(matches, views)
+        if explained is not None and explained < LEAST_EXPLAINED:
+            raise InputError(f"{capture.name}: {error}") from error
+        return [f"! unless a run triangulates points enough on the object, it fails: {error}"]
+    cameras = [v.camera for v in views if v.split == "train" and v.camera is not None]
+    try:
+        check_units(capture.name, cameras, hull.xyz)
+    except InputError as error:
+        farther = [replace(c, translation=BEFORE_OBJECT * c.translation) for c in cameras]
+        try:
+            check_units(capture.name, farther, BEFORE_OBJECT * hull.xyz)
+        except InputError:
+            raise error from None
+        return [f"! a run may refuse this, by the points that it finds: {error}"]
+    return []
 
 
 def _about_masks(seen: Inspected, report: MaskReport, views: Sequence[View]) -> list[str]:
@@ -128,11 +166,11 @@ def _about_masks(seen: Inspected, report: MaskReport, views: Sequence[View]) -> 
 
 
 def _lines(
-    capture: PreparedCapture, seen: Inspected, masks: Sequence[str], *, good: bool
+    capture: PreparedCapture, seen: Inspected, about: Sequence[str], *, good: bool
 ) -> list[str]:
     sizes = sorted({f"{view.width}x{view.height}" for view in capture.views})
     lines = [f"{len(seen.names)} photos, {', '.join(sizes)} pixels as they are used"]
-    lines += [*(f"! {problem}" for problem in seen.problems), *masks]
+    lines += [*(f"! {problem}" for problem in seen.problems), *about]
     count = f"{seen.placed} of {len(seen.names)} photos"
     if good:
         return [*lines, f"about {count} will get a camera"]

@@ -177,9 +177,14 @@ def linear_light(grey: Grey) -> NDArray[np.float32]:
 
 def shrunk(grey: Grey) -> Grey:
     """Return a photo [H, W] at the size at which photos are matched."""
-    factor = min(1.0, SIDE / max(grey.shape))
-    size = (max(1, round(grey.shape[1] * factor)), max(1, round(grey.shape[0] * factor)))
+    size = shrunk_size(grey.shape[1], grey.shape[0])
     return np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def shrunk_size(width: int, height: int) -> tuple[int, int]:
+    """Return that size, width and height, of a photo's."""
+    factor = min(1.0, SIDE / max(width, height))
+    return max(1, round(width * factor)), max(1, round(height * factor))
 
 
 def shrunk_mask(mask: Grey) -> Grey:

@@ -1,5 +1,8 @@
 """``mattgs check``: what it prints, the sheet, and the exit code."""
 
+import json
+import re
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -13,6 +16,7 @@ from mattgs_ops.capture.scene import PreparedCapture, View
 from mattgs_ops.config import BUNDLED, BenchmarkConfig
 from mattgs_ops.errors import InputError
 from tests.mattgs_ops.capture.conftest import NAMES, disc, write_colmap, write_masks
+from tests.mattgs_ops.conftest import photographed
 
 PHOTOS = Path(__file__).resolve().parents[3] / "mattgs_ops" / "bundled" / BUNDLED[0] / "images"
 
@@ -129,6 +133,97 @@ def test_cameras_that_a_run_would_refuse_are_refused(tmp_path: Path, posed: int,
     else:
         assert f"about {posed} of 10 photos will get a camera" in result.output
         assert "2 came without a camera: " in result.output
+
+
+def posed(
+    folder: Path, source: PreparedCapture, change: Callable[[np.ndarray], np.ndarray]
+) -> Path:
+    """Write a capture with `transforms.json`, camera-to-world [4, 4] in OpenGL's axes, changed."""
+    frames = []
+    for name in ("images", "masks"):
+        (folder / name).mkdir(parents=True)
+    for view in source.views:
+        assert view.camera is not None
+        assert view.mask is not None
+        name = f"{view.name}.png"
+        (folder / "images" / name).write_bytes(view.photo.read_bytes())
+        (folder / "masks" / f"{name}.png").write_bytes(view.mask.read_bytes())
+        to_world = np.linalg.inv(view.camera.matrix) @ np.diag([1.0, -1.0, -1.0, 1.0])
+        frames.append(
+            {"file_path": f"images/{name}", "transform_matrix": change(to_world).tolist()}
+        )
+        i = view.camera.intrinsics
+    lens = {"w": i.width, "h": i.height, "fl_x": i.fx, "fl_y": i.fy, "cx": i.cx, "cy": i.cy}
+    (folder / "transforms.json").write_text(json.dumps(lens | {"frames": frames}))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def box(tmp_path_factory: pytest.TempPathFactory) -> PreparedCapture:
+    return photographed(tmp_path_factory.mktemp("box"), seed=7)
+
+
+def scaled(pose: np.ndarray, factor: float) -> np.ndarray:
+    """Return a pose [4, 4] with its position in other units."""
+    return pose * [1, 1, 1, factor] - np.diag([0, 0, 0, factor - 1])
+
+
+def checked_capture(folder: Path, out: Path) -> Result:
+    return CliRunner().invoke(app, ["check", "--capture", str(folder), "--out", str(out)])
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda pose: scaled(pose, 1e-4), "is nearer than 0.2 units.*multiply camera positions"),
+        (
+            lambda pose: pose @ np.diag([1.0, -1, -1, 1]),
+            "no common volume.*must be camera-to-world",
+        ),
+        (np.linalg.inv, 'no common volume.*sfm.poses = "estimate"'),
+    ],
+)
+def test_cameras_without_points_that_a_run_would_refuse_are_refused(
+    tmp_path: Path,
+    box: PreparedCapture,
+    change: Callable[[np.ndarray], np.ndarray],
+    words: str,
+) -> None:
+    result = checked_capture(posed(tmp_path / "in", box, change), tmp_path / "out")
+    assert isinstance(result.exception, InputError), result.output
+    assert re.search(words, str(result.exception))
+
+
+def test_right_cameras_without_points_are_fine(tmp_path: Path, box: PreparedCapture) -> None:
+    result = checked_capture(posed(tmp_path / "in", box, lambda pose: pose), tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    assert "volume" not in result.output
+    assert "nearer" not in result.output
+
+
+def test_masks_that_share_no_volume_are_told_where_cameras_are_right(
+    tmp_path: Path, box: PreparedCapture
+) -> None:
+    """A run triangulates points all the same."""
+    folder = posed(tmp_path / "in", box, lambda pose: pose)
+    for index, path in enumerate(sorted((folder / "masks").iterdir())):
+        corner = np.zeros((180, 240), np.uint8)
+        corner[60:90, 60:90] = 255 * (index % 2)
+        corner[-40:-10, -40:-10] = 255 * (1 - index % 2)
+        cv2.imwrite(str(path), corner)
+    result = checked_capture(folder, tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    assert "! unless a run triangulates points enough on the object" in result.output
+
+
+def test_a_hull_that_is_a_little_near_is_told(tmp_path: Path, box: PreparedCapture) -> None:
+    """The nearest of the hull may hold no point that a run finds."""
+    depths = np.concatenate([v.camera.depths(np.zeros((1, 3))) for v in box.views if v.camera])
+    factor = 0.22 / float(np.median(depths))
+    folder = posed(tmp_path / "in", box, lambda pose: scaled(pose, factor))
+    result = checked_capture(folder, tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    assert "! a run may refuse this, by the points that it finds: " in result.output
 
 
 def test_without_photos_there_is_nothing_to_check(tmp_path: Path) -> None:

@@ -72,13 +72,16 @@ def bare(axes: Axes) -> None:
 
 def above(axes: Axes, text: str) -> None:
     """Write above a picture."""
-    axes.set_title(shortened(text, ACROSS), fontsize=7.5)
+    axes.set_title(_lines(text, ACROSS), fontsize=7.5)
 
 
 def side(axes: Axes, text: str) -> None:
-    """Write at the left of a row; each line is one."""
-    lines = (shortened(line, DOWN) for line in text.split("\n"))
-    axes.set_ylabel("\n".join(lines), fontsize=6.5)
+    """Write at the left of a row."""
+    axes.set_ylabel(_lines(text, DOWN), fontsize=6.5)
+
+
+def _lines(text: str, most: int) -> str:
+    return "\n".join(shortened(line, most) for line in text.split("\n"))
 
 
 def shortened(text: str, most: int) -> str:

@@ -123,6 +123,10 @@ def test_a_name_that_is_too_long_keeps_both_ends() -> None:
     assert picture_grid.shortened("0001.jpg", 8) == "0001.jpg"
     for length in (2, 3, 10, 23):
         assert len(picture_grid.shortened("a" * 60, length)) == length
+    axes = Figure().subplots()
+    picture_grid.above(axes, f"Original\n{'m' * 60}")
+    first, second = axes.get_title().split("\n")
+    assert (first, len(second)) == ("Original", picture_grid.ACROSS), "each line for itself"
 
 
 def test_a_narrow_figure_grows_to_its_longest_name() -> None:

@@ -10,7 +10,7 @@ import fcntl
 import os
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
@@ -129,14 +129,14 @@ class Starting:
             variables = {"PREFECT_API_URL": api, "MLFLOW_TRACKING_URI": self._tracking}
             stack.enter_context(_environment(**variables))
             self._api, self._stack = api, stack.pop_all()
-        self._mlflow = Background(self._initialise)
+        self._mlflow = Background(lambda: runs.initialise(self._tracking))
         self._workers = Background(self._start_cluster)
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         """End what is ours; what is still starting is not waited for on an interruption.
 
-        It ends with the process, and has left nothing half made: see :func:`_remove_unfinished`.
+        It ends with the process; what it left of a database the next run removes.
         """
         if kind is not None and issubclass(kind, KeyboardInterrupt):
             sys.stderr.write("mattgs: interrupted; ending its services\n")
@@ -144,10 +144,6 @@ class Starting:
             self._mlflow.join()
             self._workers.join()
         self._stack.close()
-
-    def _initialise(self) -> None:
-        _remove_unfinished(self._tracking)
-        runs.initialise(self._tracking)
 
     def _start_cluster(self) -> None:
         self._cluster = self._stack.enter_context(dask_cluster.started(self._out, self._run))
@@ -173,20 +169,6 @@ class Starting:
             self._cluster.scheduler,
             self._cluster.dashboard,
         )
-
-
-def _remove_unfinished(tracking: str) -> None:
-    """Remove databases that nobody finishes: the lock is held by whoever makes one."""
-    if not tracking.startswith(registries.SQLITE):
-        return
-    file = Path(tracking.removeprefix(registries.SQLITE))
-    left = list(file.parent.glob(f"{file.name}.*.part*"))
-    if not left:
-        return
-    with file.with_name(f"{file.name}.lock").open("w") as lock, suppress(BlockingIOError):
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        for path in left:
-            path.unlink(missing_ok=True)
 
 
 @contextmanager

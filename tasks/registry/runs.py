@@ -54,6 +54,8 @@ def _made_database(file: Path) -> Iterator[None]:
     file.parent.mkdir(parents=True, exist_ok=True)
     with file.with_name(f"{file.name}.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
+        for left in file.parent.glob(f"{file.name}.*.part*"):  # whoever made it held this lock
+            left.unlink(missing_ok=True)
         if not file.exists():
             with written_whole(file, by_many=True) as partial:
                 partial.unlink(missing_ok=True)

@@ -1,6 +1,5 @@
 """Our own services while they start: what an interruption waits for, and what it leaves."""
 
-import fcntl
 import os
 import subprocess
 import sys
@@ -69,24 +68,6 @@ def test_after_an_error_nothing_goes_on_starting(
         raise InputError("no such photo")
     assert sorted(slow.up) == ["dask", "mlflow"]
     assert capsys.readouterr().err == ""
-
-
-def test_a_registry_that_was_broken_off_is_removed_unless_somebody_makes_it(
-    slow: Slow, tmp_path: Path
-) -> None:
-    slow.let.set()
-    left = [tmp_path / f"mlflow.db.4711.part{tail}" for tail in ("", "-journal")]
-    for path in left:
-        path.touch()
-    starting = embedded.Starting(tmp_path, RunConfig(), 1)
-    with (tmp_path / "mlflow.db.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        with starting:
-            pass
-    assert all(path.exists() for path in left)
-    with starting:
-        pass
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["mlflow.db.lock"]
 
 
 LEFT = """

@@ -1,10 +1,12 @@
 """Rows in MLflow: nothing lost, nothing twice, readable back as it was."""
 
+import fcntl
 import json
 import os
 import subprocess
 import sys
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -68,6 +70,21 @@ def test_a_database_is_whole_or_not_there_and_a_broken_one_is_told(tmp_path: Pat
     (tmp_path / "broken.db").write_bytes(b"no database" * 100)
     with pytest.raises(InputError, match="cannot be used"):
         runs.initialise(f"sqlite:///{tmp_path / 'broken.db'}")
+
+
+def test_a_database_that_was_broken_off_is_removed_unless_somebody_makes_it(tmp_path: Path) -> None:
+    left = [tmp_path / f"mlflow.db.4711.part{tail}" for tail in ("", "-journal")]
+    for path in left:
+        path.touch()
+    with (tmp_path / "mlflow.db.lock").open("w") as lock, ThreadPoolExecutor(1) as other:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        made = other.submit(runs.initialise, f"sqlite:///{tmp_path / 'mlflow.db'}")
+        with pytest.raises(TimeoutError):
+            made.result(0.5)
+        assert all(path.exists() for path in left)
+        fcntl.flock(lock, fcntl.LOCK_UN)
+        made.result()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["mlflow.db", "mlflow.db.lock"]
 
 
 def test_a_row_becomes_a_run_that_says_everything(place: tuple[str, Path], tmp_path: Path) -> None:

@@ -5,19 +5,18 @@ from pathlib import Path
 import numpy as np
 import onnx
 import pytest
-import torch
 from numpy.typing import NDArray
 from onnx import numpy_helper
 
 from mattgs_ops.errors import InputError, StageError
 from mattgs_ops.segment import quantize as eight_bits
-from mattgs_ops.segment.network.export import export
 from mattgs_ops.segment.network.saliency import BUNDLED_MODEL, SaliencyNetwork
-from mattgs_ops.segment.network.u2net import U2Net
 from mattgs_ops.segment.outline.refine import BUNDLED_OUTLINE
 from mattgs_ops.segment.quantize import outer_convolutions, quantize
+from tests.mattgs_ops.segment.small_network import write_network
 
 SIDE = 32
+GAIN = 10  # of the last layer: maps of untrained networks are flat
 LEVELS = 127  # of a weight's magnitude
 BUNDLED = [
     ("u2netp-traced.onnx", BUNDLED_MODEL, "n0/"),
@@ -29,13 +28,7 @@ BUNDLED = [
 
 @pytest.fixture(scope="module")
 def network(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    torch.manual_seed(0)
-    model = U2Net("u2netp").eval()
-    with torch.no_grad():
-        model.outconv.weight.mul_(100)  # maps of untrained networks are flat
-    path = tmp_path_factory.mktemp("network") / "network.onnx"
-    export(model, path, size=SIDE)
-    return path
+    return write_network(tmp_path_factory.mktemp("network") / "network.onnx", SIDE, 0, GAIN)
 
 
 def noise(count: int, seed: int = 0) -> NDArray[np.float32]:

@@ -6,31 +6,20 @@ import cv2
 import numpy as np
 import onnx
 import pytest
-import torch
 from numpy.typing import NDArray
 
 from mattgs_ops.errors import InputError, StageError
 from mattgs_ops.segment.network import ensemble
-from mattgs_ops.segment.network.export import export
 from mattgs_ops.segment.network.saliency import SaliencyNetwork
-from mattgs_ops.segment.network.u2net import U2Net
+from tests.mattgs_ops.segment.small_network import write_network
 
-GAIN = 100  # of the last layer: maps of untrained networks are flat
-
-
-def network(path: Path, size: int, seed: int, gain: float = GAIN) -> Path:
-    torch.manual_seed(seed)
-    model = U2Net("u2netp").eval()
-    with torch.no_grad():
-        model.outconv.weight.mul_(gain)
-    export(model, path, size=size)
-    return path
+GAIN = 10  # of the last layer: maps of untrained networks are flat
 
 
 @pytest.fixture(scope="module")
 def pair(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     folder = tmp_path_factory.mktemp("networks")
-    return [network(folder / "a.onnx", 32, 0), network(folder / "b.onnx", 48, 1)]
+    return [write_network(folder / f"{side}.onnx", side, side, GAIN) for side in (32, 48)]
 
 
 def expected_map(path: Path, image: NDArray[np.float32], side: int) -> NDArray[np.float64]:
@@ -76,7 +65,7 @@ def test_two_networks_need_the_room_of_one(pair: list[Path], tmp_path: Path) -> 
 
 
 def test_a_network_that_finds_nothing_adds_nothing(pair: list[Path], tmp_path: Path) -> None:
-    flat = network(tmp_path / "flat.onnx", 48, 2, gain=0)
+    flat = write_network(tmp_path / "flat.onnx", 48, 2, gain=0)
     ensemble.combine([pair[1], flat], tmp_path / "mean.onnx")
     image = np.random.default_rng(4).normal(size=(48, 48, 3)).astype(np.float32)
     (found,) = SaliencyNetwork(tmp_path / "mean.onnx").raw_maps(image.transpose(2, 0, 1)[None])

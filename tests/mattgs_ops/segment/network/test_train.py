@@ -43,12 +43,8 @@ def photos(folder: Path, count: int = 3) -> FolderConfig:
 
 def config(folder: FolderConfig, steps: int, **more: object) -> SegmentTrainConfig:
     stage = StageConfig(size=SIZE, batch=2, steps=steps, lr=2e-3, lr_end=2e-3)
-    values: dict[str, Any] = {
-        "validation_images": 1,
-        "validate_every": 1000,
-        "composites": False,
-        **more,
-    }
+    values: dict[str, Any] = {"validation_images": 1, "validate_every": 1000, "patterns": 1}
+    values |= {"composites": False} | more
     return SegmentTrainConfig(stages=(stage,), folders=(folder,), **values)
 
 

@@ -84,6 +84,8 @@ def _run(config: BenchmarkConfig, out: Path, died: int, record: run_record.RunRe
         text += "rows and report will be those of the run that ends last"
         console.print(f"! {text}", style="yellow", markup=False, highlight=False)
     count = _plan(place, config, alone=not others)
+    if not any(one.path is None or one.path.exists() for one in config.captures):
+        _prepare_all(place, config)  # says so; services that start would hold that up for long
     with in_use(Store(place.store)), embedded.Starting(out, config.run, died) as starting:
         with terminal.watch(place.status, count, console, dask_cluster.worker_count(config.run)):
             with Background(_import_flow) as flow:  # while preparation waits for its processes

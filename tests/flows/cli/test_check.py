@@ -19,6 +19,7 @@ from tests.mattgs_ops.capture.conftest import NAMES, disc, write_colmap, write_m
 from tests.mattgs_ops.conftest import photographed
 
 PHOTOS = Path(__file__).resolve().parents[3] / "mattgs_ops" / "bundled" / BUNDLED[0] / "images"
+SQUARE = np.pad(np.full((60, 60), 255, np.uint8), ((30, 30), (50, 50)))
 
 
 def some(folder: Path, count: int) -> Path:
@@ -28,8 +29,20 @@ def some(folder: Path, count: int) -> Path:
     return folder
 
 
-def checked(photos: Path, out: Path) -> Result:
-    return CliRunner().invoke(app, ["check", str(photos), "--out", str(out)])
+def masks_for(photos: Path, folder: Path) -> list[str]:
+    """Return the options for exact masks, squares of other photos: no network is asked."""
+    folder.mkdir()
+    for photo in photos.iterdir():
+        known = PHOTOS.parent / "masks" / f"{photo.name}.png"
+        if known.is_file():
+            (folder / known.name).write_bytes(known.read_bytes())
+        else:
+            cv2.imwrite(str(folder / known.name), SQUARE)
+    return ["--masks", str(folder)]
+
+
+def checked(photos: Path, out: Path, *options: str) -> Result:
+    return CliRunner().invoke(app, ["check", str(photos), "--out", str(out), *options])
 
 
 def test_photos_are_looked_at_and_masks_drawn(tmp_path: Path) -> None:
@@ -74,7 +87,8 @@ def test_photos_that_have_nothing_in_common_end_with_two(tmp_path: Path) -> None
     for index in range(4):
         noise = rng.integers(0, 256, (120, 160, 3)).astype(np.uint8)
         cv2.imwrite(str(folder / f"n{index}.png"), noise)
-    result = CliRunner().invoke(app, ["check", str(folder), "--out", str(tmp_path / "out")])
+    masks = masks_for(folder, tmp_path / "masks")
+    result = checked(folder, tmp_path / "out", *masks)
     assert result.exit_code == 2, result.output
     assert "too few for a run" in result.output
 
@@ -83,16 +97,17 @@ def test_photos_that_will_be_sought_anew_take_longer(tmp_path: Path) -> None:
     photos, rng = some(tmp_path / "photos", 4), np.random.default_rng(0)
     noise = rng.integers(0, 256, (120, 160, 3)).astype(np.uint8)
     cv2.imwrite(str(photos / "noise.png"), noise)
-    result = CliRunner().invoke(app, ["check", str(photos), "--out", str(tmp_path / "out")])
+    result = checked(photos, tmp_path / "out", *masks_for(photos, tmp_path / "masks"))
     assert "about 4 of 5 photos will get a camera" in result.output
     assert FURTHER_ATTEMPTS in result.output
 
 
 def test_all_captures_of_a_file_are_looked_at(tmp_path: Path) -> None:
     file, out = tmp_path / "benchmark.toml", tmp_path / "out"
-    entry = '[[captures]]\nname = "{0}"\npath = "{0}"\n'
+    entry = '[[captures]]\nname = "{0}"\npath = "{0}"\nmasks = "masks"\n'
     for name in ("cat", "dog"):
         some(tmp_path / name, 5)
+    masks_for(tmp_path / "cat", tmp_path / "masks")  # both have the same photos
     file.write_text("".join(map(entry.format, ("cat", "dog"))))
     result = CliRunner().invoke(app, ["check", "--config", str(file), "--out", str(out)])
     assert result.exit_code == 0, result.output
@@ -117,6 +132,7 @@ def test_photos_may_be_named_or_not(tmp_path: Path, command: str) -> None:
         result = CliRunner().invoke(app, [command, *given, *out])
         assert isinstance(result.exception, InputError)
         assert "missing: expected a folder of photos, found nothing" in str(result.exception)
+    assert not list(tmp_path.glob("out/prefect/server-*")), "no service is started for it"
     result = CliRunner().invoke(app, [command, "a", "--photos", "b", *out])
     assert str(result.exception) == f"{command}: expected one folder of photos, found a and b"
 

@@ -1,13 +1,17 @@
 """Specification of alignment by similarities and of pose errors."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from mattgs_ops.capture.camera import Camera, Intrinsics, rotation_of
+from mattgs_ops.capture.scene import PreparedCapture
 from mattgs_ops.errors import InputError
 from mattgs_ops.sfm import alignment
 from mattgs_ops.sfm.alignment import Similarity
+from mattgs_ops.sfm.pipeline import pose_error
 
 INTRINSICS = Intrinsics(640, 480, 500.0, 500.0, 320.0, 240.0)
 
@@ -131,3 +135,16 @@ def test_angles_are_exact_from_tiny_to_half_turns(degrees: float) -> None:
     a = np.radians(degrees)
     turned = np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]])
     assert alignment.angle_between(turned, np.eye(3)) == pytest.approx(degrees, rel=1e-6)
+
+
+def test_cameras_on_a_line_have_no_pose_error(box_capture: PreparedCapture) -> None:
+    """A camera on a rail: any turn about it fits, and nothing else of the result is wrong."""
+    on_rail = []
+    for place, view in enumerate(box_capture.views):
+        assert view.camera is not None
+        shift = -view.camera.rotation @ np.array([0.1 * place, 0.0, -3.0])
+        on_rail.append(replace(view, camera=replace(view.camera, translation=shift)))
+    rail = replace(box_capture, views=tuple(on_rail))
+    assert pose_error(rail, rail.views) is None
+    found = pose_error(box_capture, box_capture.views)
+    assert found is not None

@@ -12,6 +12,8 @@ from mattgs_ops.capture.scene import PreparedCapture
 from mattgs_ops.config import SfmConfig
 from mattgs_ops.sfm import pipeline
 
+Climbed = dict[str, Any]
+
 EXTRACT_AND_MATCH = """
 import hashlib, json, sys
 from pathlib import Path
@@ -122,7 +124,7 @@ for known in (False, True, True):
 print(json.dumps([error(plain), results]))
 """
 
-LADDER = """
+LADDERS = """
 import json, sys
 from dataclasses import replace
 from pathlib import Path
@@ -131,25 +133,29 @@ from mattgs_ops.errors import StageError
 from mattgs_ops.sfm.colmap import attempts
 from mattgs_ops.sfm.colmap.job import Job
 
-path, registers, *focal = json.loads(sys.argv[1])
-job, tried = Job.load(Path(path)), []
-if focal:
-    job = replace(job, views=tuple(replace(view, focal=focal[0]) for view in job.views))
+path, cases = json.loads(sys.argv[1])
 
-def attempt(state, better_than=None):  # one that places as many views as it is told
-    count = registers[len(tried)]
-    tried.append([state.config.max_features, state.config.matcher, state.thorough])
-    tried[-1] += [view.focal for view in state.job.views[:1] if focal]
-    if not count:
-        raise StageError(f"attempt {len(tried)} placed no view")
-    state.answer.registered = [view.name for view in job.views[:count]]
+def climbed(registers, focal):
+    job, tried = Job.load(Path(path)), []
+    if focal:
+        job = replace(job, views=tuple(replace(view, focal=focal) for view in job.views))
 
-attempts.attempt = attempt
-try:
-    found = attempts.run(job, lambda *told: None)
-    print(json.dumps([tried, len(found.registered), found.fallbacks]))
-except StageError as error:
-    print(json.dumps([tried, 0, str(error)]))
+    def attempt(state, better_than=None):  # one that places as many views as it is told
+        count = registers[len(tried)]
+        tried.append([state.config.max_features, state.config.matcher, state.thorough])
+        tried[-1] += [view.focal for view in state.job.views[:1] if focal]
+        if not count:
+            raise StageError(f"attempt {len(tried)} placed no view")
+        state.answer.registered = [view.name for view in job.views[:count]]
+
+    attempts.attempt = attempt
+    try:
+        found = attempts.run(job, lambda *told: None)
+        return [tried, len(found.registered), found.fallbacks]
+    except StageError as error:
+        return [tried, 0, str(error)]
+
+print(json.dumps([climbed(*case) for case in cases]))
 """
 
 
@@ -192,26 +198,36 @@ def test_the_robust_adjustment_is_closer_than_least_squares_and_repeats() -> Non
 USUAL, MORE, FAINT = [2048, "auto", False], [8192, "exhaustive", False], [8192, "exhaustive", True]
 
 
-@pytest.mark.parametrize(
-    ("registers", "tried", "best"),
-    [
-        ([9], [USUAL], 9),
-        ([8, 9], [USUAL, MORE], 9),  # 8 of 9 views are fewer than 95 %
-        ([5, 7, 9], [USUAL, MORE, FAINT], 9),
-        ([5, 7, 6], [USUAL, MORE, FAINT], 7),
-        ([0, 0, 4], [USUAL, MORE, FAINT], 4),
-        ([4, 0, 0], [USUAL, MORE, FAINT], 4),
-    ],
-)
+@pytest.fixture(scope="module")
+def climbed(box_capture: PreparedCapture, tmp_path_factory: pytest.TempPathFactory) -> Climbed:
+    """Return what attempts that place so many views lead to; one process answers for all tests."""
+    folder, masks = tmp_path_factory.mktemp("ladders"), box_capture.folder / "masks"
+    job = pipeline._job(box_capture, masks, SfmConfig(), folder, 1).save()
+    found = answer(LADDERS, str(job), CASES)
+    return dict(zip(map(str, CASES), found, strict=True))
+
+
+LADDER_CASES: list[tuple[list[int], list[list[object]], int]] = [
+    ([9], [USUAL], 9),
+    ([8, 9], [USUAL, MORE], 9),  # 8 of 9 views are fewer than 95 %
+    ([5, 7, 9], [USUAL, MORE, FAINT], 9),
+    ([5, 7, 6], [USUAL, MORE, FAINT], 7),
+    ([0, 0, 4], [USUAL, MORE, FAINT], 4),
+    ([4, 0, 0], [USUAL, MORE, FAINT], 4),
+]
+NOWHERE, OF_EXIF = [0, 0, 0], ([9], [2, 0, 5], [2, 0, 2, 9], [0, 0, 0, 0])
+FOCAL = 1500.0
+CASES = [
+    *([registers, None] for registers in (*(case[0] for case in LADDER_CASES), NOWHERE)),
+    *([registers, FOCAL] for registers in OF_EXIF),
+]
+
+
+@pytest.mark.parametrize(("registers", "tried", "best"), LADDER_CASES)
 def test_further_attempts_follow_while_views_are_missing_and_the_best_counts(
-    box_capture: PreparedCapture,
-    tmp_path: Path,
-    registers: list[int],
-    tried: list[list[object]],
-    best: int,
+    climbed: Climbed, registers: list[int], tried: list[list[object]], best: int
 ) -> None:
-    job = pipeline._job(box_capture, box_capture.folder / "masks", SfmConfig(), tmp_path, 1).save()
-    found = answer(LADDER, str(job), registers)
+    found = climbed[str([registers, None])]
     assert found[:2] == [tried, best]
     steps = [
         f"{max(registers[:k])} of 9 views registered: {what}"
@@ -229,27 +245,26 @@ def test_further_attempts_follow_while_views_are_missing_and_the_best_counts(
     assert found[2].count(useless) == gains[1:].count(False)
 
 
-def test_no_attempt_that_places_views_is_a_failure_of_the_last(
-    box_capture: PreparedCapture, tmp_path: Path
-) -> None:
-    job = pipeline._job(box_capture, box_capture.folder / "masks", SfmConfig(), tmp_path, 1).save()
-    tried, placed, message = answer(LADDER, str(job), [0, 0, 0])
+def test_no_attempt_that_places_views_is_a_failure_of_the_last(climbed: Climbed) -> None:
+    tried, placed, message = climbed[str([NOWHERE, None])]
     assert (len(tried), placed, message) == (3, 0, "attempt 3 placed no view")
 
 
 def test_a_focal_length_by_exif_that_places_too_few_views_is_left_aside_at_last(
-    box_capture: PreparedCapture, tmp_path: Path
+    climbed: Climbed,
 ) -> None:
-    job = pipeline._job(box_capture, box_capture.folder / "masks", SfmConfig(), tmp_path, 1).save()
-    with_it = [[*one, 1500.0] for one in (USUAL, MORE, FAINT)]
+    placed_all, placed_half, placed_few, placed_none = (
+        climbed[str([registers, FOCAL])] for registers in OF_EXIF
+    )
+    with_it = [[*one, FOCAL] for one in (USUAL, MORE, FAINT)]
     everything = [*with_it, [*FAINT, None]]
-    assert answer(LADDER, str(job), [9], 1500.0)[:2] == [with_it[:1], 9]
-    assert answer(LADDER, str(job), [2, 0, 5], 1500.0)[:2] == [with_it, 5]  # more than half
-    tried, placed, steps = answer(LADDER, str(job), [2, 0, 2, 9], 1500.0)
+    assert placed_all[:2] == [with_it[:1], 9]
+    assert placed_half[:2] == [with_it, 5]  # more than half
+    tried, placed, steps = placed_few
     assert (tried, placed) == (everything, 9)
     assert steps[-1].startswith("2 of 9 views registered: EXIF's focal length (")
     assert steps[-1].endswith(" left aside, otherwise as before")
-    tried, placed, message = answer(LADDER, str(job), [0, 0, 0, 0], 1500.0)
+    tried, placed, message = placed_none
     assert (tried, placed) == (everything, 0)
     assert message.startswith("attempt 4 placed no view\nall attempts but the last started from")
     assert "EXIF's focal length" in message

@@ -182,10 +182,13 @@ def _status(key: CellKey, ours: Cell | None, theirs: Cell | None) -> Finding | N
 
 
 def _paired_rows(ours: Cell, theirs: Cell) -> tuple[list[tuple[Row, Row]], list[str]]:
-    """Pair finished rows by seed: (after, before); and why they must not be compared."""
+    """Pair finished rows by seed: (after, before); and why they must not be compared.
+
+    Finished rows are valid: :func:`refused` has seen to that.
+    """
     before = {int(row["seed"]): row for row in theirs.finished}
     pairs = [(row, before[int(row["seed"])]) for row in ours.finished if int(row["seed"]) in before]
-    blocked = [text for pair in pairs for text in comparable.reasons(*pair)]
+    blocked = [text for pair in pairs for text in comparable.reasons_of_valid(*pair)]
     if not pairs and before and ours.finished:
         blocked = ["no seed in common"]
     return pairs, list(dict.fromkeys(blocked))

@@ -23,10 +23,13 @@ def reasons(candidate: Row, baseline: Row) -> list[str]:
     """Return why the scores of two finished rows do not compare; an empty list lets them."""
     differences = [f"candidate: {text}" for text in row_problems(candidate)]
     differences += [f"baseline: {text}" for text in row_problems(baseline)]
-    if differences:
-        return differences
+    return differences or reasons_of_valid(candidate, baseline)
+
+
+def reasons_of_valid(candidate: Row, baseline: Row) -> list[str]:
+    """Return the same for rows that are known to be valid: looking takes half of the time."""
     ours, theirs = candidate.get("provenance") or {}, baseline.get("provenance") or {}
-    differences += other_protocol(candidate, baseline)
+    differences = other_protocol(candidate, baseline)
     digests = ours.get("config_digest"), theirs.get("config_digest")
     differences += _unlike("configuration digest", *digests)
     differences += other_inputs(candidate, baseline) + leaks(candidate)
@@ -94,10 +97,10 @@ def leaks(row: Row) -> list[str]:
 def other_views(candidate: Row, baseline: Row) -> list[str]:
     """Compare the splits: the same views must be held out, and the same trained on."""
     differences = []
-    held_out = names(candidate, "test")
+    held_out, held_out_before = names(candidate, "test"), names(baseline, "test")
     trained, all_of_them = trained_views(candidate)
-    lost = sorted(names(baseline, "test") - held_out)
-    added = sorted(held_out - names(baseline, "test"))
+    lost = sorted(held_out_before - held_out)
+    added = sorted(held_out - held_out_before)
     if lost:
         differences.append(f"held-out views are missing: {listed(lost)}")
     if added:

@@ -43,6 +43,7 @@ FIELDS: dict[str, tuple[type, ...]] = {
 MAY_LACK = {"metrics", "per_view", "provenance", "artifacts"}
 REQUIRED_METRICS = ("ssim", "psnr", "l1", "loss", "fps", "time", "size_mb")
 BACKGROUNDS = ("original", "nobg")
+NUMBER = (int, float)  # `int | float` would be made anew for each value, which takes longer
 METHOD_ORDER = ("3dgs", "3dgs-tuned", "ours", "ours+")
 
 METHOD_NAMES = {"3dgs": "3DGS", "3dgs-tuned": "3DGS tuned", "ours": "Ours", "ours+": "Ours+"}
@@ -161,7 +162,7 @@ def _metric_problems(metrics: Mapping[str, Any]) -> list[str]:
     for name, value in metrics.items():
         if value is None and name not in REQUIRED_METRICS:
             continue
-        if not isinstance(value, int | float) or isinstance(value, bool):
+        if not isinstance(value, NUMBER) or isinstance(value, bool):
             sentences.append(f"`metrics.{name}`: expected a number, found {value!r}")
         elif not math.isfinite(value):
             sentences.append(f"`metrics.{name}`: expected a finite number, found {value}")
@@ -172,7 +173,7 @@ def _view_problems(views: Sequence[Any]) -> list[str]:
     sentences = []
     identities = set()
     for index, view in enumerate(views):
-        if not isinstance(view, dict) or not {"view", "split"} <= view.keys():
+        if not isinstance(view, dict) or "view" not in view or "split" not in view:
             sentences.append(f"`per_view[{index}]`: expected `view` and `split`, found {view!r}")
             continue
         identity = (view["view"], view["split"])

@@ -277,7 +277,7 @@ def test_the_bundled_model_finds_a_thing_on_a_desk() -> None:
 
     source, scores = Composites(99, 192, Bank(99, per_maker=1)), []
     network = SaliencyNetwork(BUNDLED_MODEL)
-    for index in range(8):
+    for index in range(5):
         image, mask = source.sample(index)
         (soft,) = network.soft_maps([image], ["a"])
         scores.append(quality(np.where(soft > 0.5, 255, 0).astype(np.uint8), mask).iou)

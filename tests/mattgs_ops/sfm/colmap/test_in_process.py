@@ -22,31 +22,34 @@ from mattgs_ops.config import SfmConfig
 from mattgs_ops.sfm.colmap import features, mapping, matching
 from mattgs_ops.sfm.colmap.job import Job
 
-job, thorough, threads = json.loads(sys.argv[1])
+job, thorough, counts_of_threads = json.loads(sys.argv[1])
 views, config = Job.load(Path(job)).views, SfmConfig()
-notes = []
-found = features.extract(
-    views, config, features.Extraction(0.02 / 3, 0.0, thorough), threads, lambda *n: notes.append(n)
-)
-pairs = matching.match_and_verify(
-    matching.exhaustive(len(views)),
-    [f.descriptors for f in found],
-    [np.arange(len(f.inside)) for f in found],
-    [f.positions for f in found],
-    [f.inside for f in found],
-    mapping.build_cameras(views, config),
-    0,
-    threads,
-    lambda *n: notes.append(n),
-)
-digest = hashlib.sha256()
-for f in found:
-    for array in (f.keypoints, f.descriptors, f.inside, f.whole, f.masked):
-        digest.update(array.tobytes())
-for pair, verified in pairs.items():
-    digest.update(repr(pair).encode() + verified.matches.tobytes())
-counts = [len(f.inside) for f in found]
-print(json.dumps([digest.hexdigest(), counts, len(pairs), notes]))
+
+def extracted_and_matched(threads):
+    notes = []
+    how = features.Extraction(0.02 / 3, 0.0, thorough)
+    found = features.extract(views, config, how, threads, lambda *n: notes.append(n))
+    pairs = matching.match_and_verify(
+        matching.exhaustive(len(views)),
+        [f.descriptors for f in found],
+        [np.arange(len(f.inside)) for f in found],
+        [f.positions for f in found],
+        [f.inside for f in found],
+        mapping.build_cameras(views, config),
+        0,
+        threads,
+        lambda *n: notes.append(n),
+    )
+    digest = hashlib.sha256()
+    for f in found:
+        for array in (f.keypoints, f.descriptors, f.inside, f.whole, f.masked):
+            digest.update(array.tobytes())
+    for pair, verified in pairs.items():
+        digest.update(repr(pair).encode() + verified.matches.tobytes())
+    counts = [len(f.inside) for f in found]
+    return [digest.hexdigest(), counts, len(pairs), notes]
+
+print(json.dumps([extracted_and_matched(threads) for threads in counts_of_threads]))
 """
 
 TILTED = """
@@ -58,7 +61,7 @@ from mattgs_ops.config import SfmConfig
 from mattgs_ops.sfm.colmap import features, matching
 from mattgs_ops.sfm.colmap.job import JobView
 
-folder, thorough = Path(json.loads(sys.argv[1])[0]), json.loads(sys.argv[1])[1]
+folder = Path(json.loads(sys.argv[1])[0])
 rng = np.random.default_rng(0)
 picture = np.zeros((480, 640), np.float32)
 for cells in (8, 16, 32, 64, 128):
@@ -67,19 +70,25 @@ for cells in (8, 16, 32, 64, 128):
 picture = cv2.normalize(picture, None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
 narrow = np.cos(np.radians(60))  # the picture seen from 60 degrees to the side, from far away
 seen = cv2.resize(picture, (int(640 * narrow), 480), interpolation=cv2.INTER_AREA)
-found = []
+views = []
 for name, image in (("straight", picture), ("aslant", seen)):
     photo, mask = folder / f"{name}.png", folder / f"{name}-mask.png"
     cv2.imwrite(str(photo), image)
     cv2.imwrite(str(mask), np.full(image.shape, 255, np.uint8))
     height, width = image.shape
-    view = JobView(name, str(photo), str(mask), width, height, None, None)
+    views.append(JobView(name, str(photo), str(mask), width, height, None, None))
+
+def matched(thorough):
     how = features.Extraction(0.02 / 3, 0.0, thorough)
-    found += features.extract((view,), SfmConfig(), how, 1, lambda *note: None)
-pairs = matching.match(found[0].descriptors, found[1].descriptors)
-expected = found[0].positions[pairs[:, 0]] * [narrow, 1]
-away = np.linalg.norm(expected - found[1].positions[pairs[:, 1]], axis=1)
-print(json.dumps([int((away < 2).sum()), len(away)]))
+    found = [
+        features.extract((view,), SfmConfig(), how, 1, lambda *note: None)[0] for view in views
+    ]
+    pairs = matching.match(found[0].descriptors, found[1].descriptors)
+    expected = found[0].positions[pairs[:, 0]] * [narrow, 1]
+    away = np.linalg.norm(expected - found[1].positions[pairs[:, 1]], axis=1)
+    return [int((away < 2).sum()), len(away)]
+
+print(json.dumps([matched(thorough) for thorough in (False, True)]))
 """
 
 ADJUST = """
@@ -172,7 +181,7 @@ def test_key_points_and_matches_do_not_depend_on_the_number_of_threads(
     box_capture: PreparedCapture, tmp_path: Path, thorough: bool
 ) -> None:
     job = pipeline._job(box_capture, box_capture.folder / "masks", SfmConfig(), tmp_path, 1).save()
-    one, three = (answer(EXTRACT_AND_MATCH, str(job), thorough, threads) for threads in (1, 3))
+    one, three = answer(EXTRACT_AND_MATCH, str(job), thorough, (1, 3))
     assert one == three
     _, counts, pairs, notes = one
     assert min(counts) > 200
@@ -181,8 +190,7 @@ def test_key_points_and_matches_do_not_depend_on_the_number_of_threads(
 
 
 def test_the_last_attempt_matches_what_is_seen_aslant(tmp_path: Path) -> None:
-    usual, _ = answer(TILTED, str(tmp_path), False)
-    last, matched = answer(TILTED, str(tmp_path), True)
+    (usual, _), (last, matched) = answer(TILTED, str(tmp_path))
     assert last > 3 * usual
     assert last > 100
     assert last > 0.9 * matched

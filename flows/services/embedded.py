@@ -119,15 +119,17 @@ class Starting:
     def __enter__(self) -> "Starting":
         api = prefect_settings.api_url()
         self._server: PrefectServer | None = None
+        variables = {"MLFLOW_TRACKING_URI": self._tracking}
         with ExitStack() as stack:
             if api is None:
                 self._server = stack.enter_context(_prefect_server(self._out))
                 api = self._server.address()
+                self._certificates = prefect_settings.certificates_for_own(self._server.home)
+                variables["PREFECT_API_SSL_CERT_FILE"] = str(self._certificates)
             else:
                 prefect_settings.check(api)
             # workers find them by it; set before there are threads
-            variables = {"PREFECT_API_URL": api, "MLFLOW_TRACKING_URI": self._tracking}
-            stack.enter_context(_environment(**variables))
+            stack.enter_context(_environment(**variables, PREFECT_API_URL=api))
             self._api, self._stack = api, stack.pop_all()
         self._mlflow = Background(lambda: runs.initialise(self._tracking))
         self._workers = Background(self._start_cluster)
@@ -155,9 +157,11 @@ class Starting:
         :class:`StageError` when one of our own does not start.
         """
         self._workers.finish()
-        # nobody looks at a temporary server: the log files have it all
-        logs = self._server is None
-        self._stack.enter_context(prefect_settings.using(self._api, logs=logs))
+        if self._server is None:
+            self._stack.enter_context(prefect_settings.using(self._api))
+        else:
+            own = prefect_settings.using_own(self._api, self._certificates)
+            self._stack.enter_context(own)
         self._mlflow.finish()
         if self._server is not None:
             self._server.wait()

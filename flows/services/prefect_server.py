@@ -37,6 +37,7 @@ class PrefectServer:
     """Handle of a server that is starting."""
 
     def __init__(self, home: Path, log: Path) -> None:
+        self.home = home
         home.mkdir(parents=True, exist_ok=True)
         log.parent.mkdir(parents=True, exist_ok=True)
         self._log = log

@@ -70,6 +70,35 @@ def test_after_an_error_nothing_goes_on_starting(
     assert capsys.readouterr().err == ""
 
 
+class OwnServer:
+    """An address and a home, as of a server of our own that nobody asks anything."""
+
+    def __init__(self, home: Path) -> None:
+        self.home = home
+
+    def address(self) -> str:
+        return "http://127.0.0.1:1/api"
+
+
+def test_workers_are_told_of_one_authority_for_our_own_server_and_of_none_for_a_named_one(
+    slow: Slow, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    slow.let.set()
+    key = "PREFECT_API_SSL_CERT_FILE"
+    with embedded.Starting(tmp_path, RunConfig(), 1):
+        assert key not in os.environ, "a server that was named may have an authority of its own"
+
+    @contextmanager
+    def own(_: Path) -> Iterator[OwnServer]:
+        yield OwnServer(tmp_path)
+
+    monkeypatch.setattr(prefect_settings, "api_url", lambda: None)
+    monkeypatch.setattr(embedded, "_prefect_server", own)
+    with embedded.Starting(tmp_path, RunConfig(), 1):
+        assert Path(os.environ[key]).read_text(encoding="utf-8").count("BEGIN CERTIFICATE") == 1
+    assert key not in os.environ
+
+
 LEFT = """
 import os, sys
 from pathlib import Path

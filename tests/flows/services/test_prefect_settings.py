@@ -3,6 +3,7 @@
 import json
 import os
 import socket
+import ssl
 import subprocess
 import sys
 import threading
@@ -17,7 +18,7 @@ import prefect
 import pytest
 
 from flows.services import embedded
-from flows.services.prefect_settings import check, configured
+from flows.services.prefect_settings import certificates_for_own, check, configured, using_own
 from mattgs_ops.errors import InputError
 
 PROFILE = 'active = "lab"\n[profiles.lab]\nPREFECT_API_URL = "http://profile/api"\n'
@@ -184,3 +185,17 @@ def test_an_api_that_does_not_answer_is_named_without_its_password() -> None:
         port = nobody.getsockname()[1]
     with pytest.raises(InputError, match=rf"^Prefect at http://127\.0\.0\.1:{port}/api cannot"):
         check(f"http://me:secret@127.0.0.1:{port}/api")
+
+
+def test_our_own_server_is_reached_with_a_list_of_one_authority(
+    prefect_api: str, tmp_path: Path
+) -> None:
+    certificates = certificates_for_own(tmp_path)
+    assert len(ssl.create_default_context(cafile=str(certificates)).get_ca_certs()) == 1
+    with using_own(prefect_api, certificates):
+        settings = prefect.settings.get_current_settings()
+        assert settings.api.ssl_cert_file == str(certificates), "read for each connection"
+        assert not settings.logging.to_api.enabled
+        with prefect.get_client(sync_client=True) as client:
+            assert client.api_healthcheck() is None
+    assert prefect.settings.get_current_settings().api.ssl_cert_file != str(certificates)

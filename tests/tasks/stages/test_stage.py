@@ -174,7 +174,7 @@ def test_a_killed_training_goes_on_here_or_elsewhere_and_ends_in_the_same_bits(
     config: BenchmarkConfig, put_scene: PutScene, tmp_path: Path
 ) -> None:
     settings = config.train.model_copy(update={"checkpoint_every": 50})
-    long = config.model_copy(update={"iterations": 1500, "train": settings})
+    long = config.model_copy(update={"iterations": 600, "train": settings})
     shared = RunConfig(store=f"file://{tmp_path}/shared", checkpoint_copy_every=0.05)
     here, elsewhere = (Place(tmp_path / name, "small", shared) for name in ("here", "elsewhere"))
     scene = put_scene(here)

@@ -132,7 +132,7 @@ def test_it_learns(tmp_path: Path) -> None:
     def listen(_step: int, scores: dict[str, float]) -> None:
         losses.append(scores["train_loss"])
 
-    train(config(160, lr=5e-3, batch=4, validate_every=40), tmp_path, on_metrics=listen)
+    train(config(80, lr=5e-3, batch=4, validate_every=20), tmp_path, on_metrics=listen)
     assert losses[-1] < 0.9 * losses[0]
 
 

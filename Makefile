@@ -10,7 +10,8 @@ KERNELS := $(shell find mattgs_ops/splat/_kernels mattgs_ops/sfm/colmap/_kernels
 BUILD_INPUTS := pyproject.toml CMakeLists.txt $(KERNELS)
 # the editable installation lists the modules: it is made anew when one was added, moved or removed
 MODULES := $(VENV)/.modules-$(shell find mattgs_ops tasks flows reports -name '*.py' | LC_ALL=C sort | cksum | cut -d' ' -f1)
-PIP := $(BIN)/python -m pip --disable-pip-version-check
+# Python compiles what is imported, on all cores; pip would compile every file, on one, for minutes
+INSTALL := $(BIN)/python -m pip --disable-pip-version-check install -qq --no-compile --editable
 
 .PHONY: run test quick-test lint types format install dev clean help
 
@@ -34,7 +35,7 @@ lint: $(VENV)/.installed-dev ## ruff, rules and format
 	$(BIN)/ruff format --check .
 
 types: $(VENV)/.installed-dev ## mypy, strict
-	$(BIN)/mypy
+	$(BIN)/mypy --num-workers auto
 
 format: $(VENV)/.installed-dev ## let ruff rewrite what it can
 	$(BIN)/ruff check --fix .
@@ -54,11 +55,11 @@ $(MODULES): | $(VENV)/bin/python
 	@touch $@
 
 $(VENV)/.installed: $(VENV)/bin/python $(BUILD_INPUTS) $(MODULES)
-	$(PIP) install -qq --editable .
+	$(INSTALL) .
 	@touch $@
 
 $(VENV)/.installed-dev: $(VENV)/bin/python $(BUILD_INPUTS) $(MODULES)
-	$(PIP) install -qq --editable '.[dev]'
+	$(INSTALL) '.[dev]'
 	@touch $@ $(VENV)/.installed
 
 clean: ## remove build products and the virtual environment; results stay

@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from mattgs_ops.errors import OF_THE_DISK
+
 
 @contextmanager
 def written_whole(path: Path, *, by_many: bool = False) -> Iterator[Path]:
@@ -20,7 +22,16 @@ def written_whole(path: Path, *, by_many: bool = False) -> Iterator[Path]:
     try:
         yield partial
         partial.replace(path)
-    except BaseException:
+    except BaseException as error:
+        if isinstance(error, OSError) and error.errno in OF_THE_DISK and error.filename is None:
+            error.filename = str(path)  # of a full disk Python does not say which
         with suppress(OSError):  # the error before says more
             partial.unlink()
         raise
+
+
+def write_text_whole(path: Path, text: str) -> None:
+    """Write text as UTF-8 with plain line feeds, whole or not at all; folders are made."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with written_whole(path) as partial:
+        partial.write_text(text, encoding="utf-8", newline="\n")

@@ -20,8 +20,11 @@ from flows.cli.arguments import (
     NamedPhotos,
     Out,
     Photos,
+    end_with,
+    of_a_disk,
     of_mlflow,
     one_folder,
+    replace_what_cannot_be_printed,
 )
 from flows.cli.making import captures, segment
 from flows.services import background
@@ -252,31 +255,28 @@ def _heeding_interrupts() -> Iterator[set[int]]:
 
 def main() -> None:
     """Entry of ``mattgs``: errors a person can act on, without tracebacks."""
+    replace_what_cannot_be_printed()
     try:
         with _heeding_interrupts() as came:
             app()
     except InputError as error:
-        sys.stderr.write(f"mattgs: {error}\n")
-        sys.exit(EXIT_INPUT)
+        end_with(error, EXIT_INPUT)
     except MattgsError as error:
-        sys.stderr.write(f"mattgs: {error}\n")
-        sys.exit(EXIT_FAILED)
+        end_with(error, EXIT_FAILED)
     except OSError as error:
-        if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            sys.stderr.write(f"mattgs: {error}: make room; the same command goes on from here\n")
-            sys.exit(EXIT_FAILED)
+        told = of_a_disk(error)
+        if told is not None:
+            end_with(told, EXIT_FAILED)
         if error.filename is None:  # of no file that somebody could see to
             raise
         in_the_way = error.errno == errno.EEXIST  # of a folder that was to be made
         reason = "expected a folder, found a file" if in_the_way else error.strerror
-        sys.stderr.write(f"mattgs: {error.filename}: {reason}\n")
-        sys.exit(EXIT_INPUT)
+        end_with(f"{error.filename}: {reason}", EXIT_INPUT)
     except Exception as error:
         told = of_mlflow(error)
         if told is None:
             raise
-        sys.stderr.write(f"mattgs: {told}\n")
-        sys.exit(EXIT_FAILED)
+        end_with(told, EXIT_FAILED)
     except (SystemExit, KeyboardInterrupt) as ended:
         if isinstance(ended, SystemExit) and ended.code != EXIT_INTERRUPTED:
             raise  # that code is what Typer makes of Ctrl-C, without a word

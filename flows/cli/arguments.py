@@ -1,11 +1,15 @@
 """Options that several commands share, and what they say and exit with when they fail."""
 
+import io
+import sys
+import tempfile
+from itertools import pairwise
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 
-from mattgs_ops.errors import InputError
+from mattgs_ops.errors import FULL, InputError, of_the_disk
 
 DEFAULT_OUT = Path("mattgs-out")
 EXIT_FAILED = 1  # a service or the disk failed
@@ -14,6 +18,12 @@ Photos = Annotated[
     Path | None, typer.Argument(help="A folder of photos of one object, from all sides.")
 ]
 NamedPhotos = Annotated[Path | None, typer.Option("--photos", help="The same folder, by name.")]
+
+
+def end_with(told: object, code: int) -> NoReturn:
+    """End the program with a line on standard error."""
+    sys.stderr.write(f"mattgs: {told}\n")
+    sys.exit(code)
 
 
 def of_mlflow(error: Exception) -> str | None:
@@ -25,6 +35,29 @@ def of_mlflow(error: Exception) -> str | None:
         return None
     said = str(error).strip() or type(error).__name__
     return f"MLflow: {said.splitlines()[0]}"
+
+
+def of_a_disk(error: OSError) -> str | None:
+    """Return in a line which place is full or what else its disk lacks, None for other errors."""
+    named = [b for a, b in pairwise(sys.argv) if a == "--out"]
+    named += [word.removeprefix("--out=") for word in sys.argv if word.startswith("--out=")]
+    out = Path(named[-1]) if named else DEFAULT_OUT
+    told = of_the_disk(error, [out, Path.cwd(), Path(tempfile.gettempdir())])
+    if told is None:
+        return None
+    return (
+        f"{told}: {'make room; ' if error.errno in FULL else ''}the same command goes on from here"
+    )
+
+
+def replace_what_cannot_be_printed() -> None:
+    """Print `?` for characters that a terminal or a file of a log has no room for.
+
+    Frames of tables are among them where output is not UTF-8; no finished work ends by that.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
 
 
 def one_folder(command: str, photos: Path | None, named: Path | None) -> Path | None:

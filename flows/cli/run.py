@@ -77,7 +77,8 @@ def _run(config: BenchmarkConfig, out: Path, died: int, record: run_record.RunRe
     embedded.enter(out)
     place = Place(out, config.name, config.run, len(config.captures), own_version())
     if config.run.store is not None:
-        RemoteStore(config.run.store).check()
+        with terminal.told_when_slow(console, f"--store {config.run.store}"):
+            RemoteStore(config.run.store).check()
     others = ", ".join(str(process) for process, _ in record.beside)
     if others:
         text = f"another run of {config.name} is at work in {out} (process {others}); "
@@ -91,7 +92,8 @@ def _run(config: BenchmarkConfig, out: Path, died: int, record: run_record.RunRe
             with Background(_import_flow) as flow:  # while preparation waits for its processes
                 _prepare_all(place, config)
             flow.finish()
-            services = starting.ready()
+            with terminal.told_when_slow(console, f"services, {registries.shown(out)} among them"):
+                services = starting.ready()
             registries.note(out)
             console.print(str(services), markup=False, highlight=False)
             report, complete = _run_flow(config, out, services)

@@ -30,6 +30,7 @@ from tasks.stages.status import Status
 
 REFRESH_SECONDS = 0.5
 LINE_SECONDS = 15.0
+SLOW_SECONDS = 30.0  # services of our own are up by then, unless the machine is busy
 MARKS = {"done": "✓", "cached": "=", "failed": "✗"}
 
 
@@ -57,6 +58,19 @@ def watch(folder: Path, total: int, console: Console, lanes: int = 1) -> Iterato
             ended.set()
             thread.join()
             view.update(status.read_all(folder))
+
+
+@contextmanager
+def told_when_slow(console: Console, what: str, seconds: float = SLOW_SECONDS) -> Iterator[None]:
+    """Say that ``what`` is waited for when the block takes long: libraries try in silence."""
+    text = f"! still waiting for {what}"
+    timer = threading.Timer(seconds, console.print, (text,), {"style": "yellow", "markup": False})
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 def sentence(one: Status) -> str:

@@ -32,6 +32,11 @@ def existing(out: Path) -> str | None:
     return now if _is_there(now) else None
 
 
+def shown(out: Path) -> str:
+    """Return where MLflow is now, without a password."""
+    return f"MLflow at {_as_noted(current(out))}"
+
+
 def note(out: Path) -> None:
     """Note the current registry, unless it is the folder's own; call when it has answered."""
     address = _as_noted(current(out))

@@ -36,10 +36,8 @@ FOCAL_SHARES = (0.1, 10.0)
 SAME_SHAPE = 0.02  # difference of aspect ratios that rounding of pixels explains
 UPRIGHT, SIDEWAYS = 1, frozenset({5, 6, 7, 8})  # EXIF 2.32, orientation
 # What Pillow raises for files that are damaged, a few of which only its own format's code does
-UNREADABLE = (
-    *(OSError, SyntaxError, ValueError, TypeError, LookupError, struct.error),
-    Image.DecompressionBombError,
-)
+BROKEN = (OSError, SyntaxError, ValueError, TypeError, LookupError, struct.error)
+UNREADABLE = (*BROKEN, Image.DecompressionBombError)
 TURNS = {  # EXIF 2.32, orientation: how pixels as stored become upright
     2: Image.Transpose.FLIP_LEFT_RIGHT,
     3: Image.Transpose.ROTATE_180,
@@ -183,13 +181,14 @@ def read_rgb(path: Path) -> NDArray[np.uint8]:
 def write_png(path: Path, pixels: NDArray[np.uint8]) -> None:
     """Write a photo [H, W, 3] RGB, or a mask or map [H, W], lossless; folders are made.
 
-    OpenCV writes in half of Pillow's time, and reads its own files faster, too. Raises
-    :class:`StageError` when that fails.
+    OpenCV takes half of Pillow's time. Raises :class:`StageError` with the reason when that fails.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
     stored = pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)
-    if not cv2.imwrite(str(path), stored):
-        raise StageError(f"{path}: could not be written")
+    try:  # OpenCV itself would not say why it cannot write a file
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(cv2.imencode(".png", stored)[1].data)
+    except OSError as error:
+        raise StageError(f"{path}: could not be written: {error.strerror}") from error
 
 
 def exif_focal(exif: Image.Exif, size: tuple[int, int]) -> float | None:

@@ -28,6 +28,7 @@ from typing import Any
 
 from mattgs_ops.errors import InputError
 from mattgs_ops.naming import checked_row, is_name
+from mattgs_ops.whole_file import write_text_whole
 from reports.gate.compare import collected
 from reports.gate.numbers import by_seed
 from reports.gate.speed import MACHINE, seconds
@@ -76,8 +77,7 @@ class Baseline:
             "rows": list(self.rows),
         }
         text = json.dumps(document, indent=1, sort_keys=True, allow_nan=False)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text + "\n", encoding="utf-8", newline="\n")
+        write_text_whole(path, text + "\n")
 
 
 def make(rows: Sequence[Row], name: str, noise: Mapping[str, float] | None = None) -> Baseline:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+from mattgs_ops.whole_file import write_text_whole
 from reports.gate import tolerances
 from reports.gate.findings import ALL_CELLS, Exit, Finding, GateReport, Verdict
 from reports.markdown import table_cell
@@ -44,11 +45,10 @@ def write(
     report: GateReport, folder: Path, pictures: Sequence[tuple[str, str]] = ()
 ) -> dict[str, Path]:
     """Write ``gate.md``, ``gate.xml`` (JUnit) and ``gate.json``; returns the paths by suffix."""
-    folder.mkdir(parents=True, exist_ok=True)
     texts = {"md": markdown(report, pictures), "xml": junit(report), "json": to_json(report)}
     paths = {suffix: folder / f"gate.{suffix}" for suffix in texts}
     for suffix, path in paths.items():
-        path.write_text(texts[suffix], encoding="utf-8", newline="\n")
+        write_text_whole(path, texts[suffix])
     return paths
 
 

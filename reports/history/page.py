@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from mattgs_ops.whole_file import write_text_whole
 from reports.history import charts
 from reports.history.series import (
     FoundStep,
@@ -39,13 +40,12 @@ def build(runs: Sequence[Run], folder: Path, *, title: str) -> Built:
     """Write the page and its numbers into ``folder``."""
     series = all_series(runs)
     steps = found_steps(series)
-    folder.mkdir(parents=True, exist_ok=True)
     data = json.dumps([_numbers(one) for one in series], indent=1, sort_keys=True)
-    (folder / DATA).write_text(data + "\n", encoding="utf-8", newline="\n")
+    write_text_whole(folder / DATA, data + "\n")
     page = folder / PAGE
     sentence = summary(runs, series, steps)
     html = render(series, steps, title=title, summary=sentence)
-    page.write_text(html, encoding="utf-8", newline="\n")
+    write_text_whole(page, html)
     return Built(page, sentence, tuple(steps))
 
 

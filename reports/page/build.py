@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from mattgs_ops.whole_file import write_text_whole
 from reports.figures import all_figures, pictures, plots
 from reports.figures import budgets as budget_figures
 from reports.figures.plots import Saved
@@ -204,5 +205,4 @@ def _pictures(drawn: Sequence[Saved], out: Path) -> list[str]:
 
 
 def _write(path: Path, text: str) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text, encoding="utf-8", newline="\n")
+    write_text_whole(path, text)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from mattgs_ops.errors import InputError
+from mattgs_ops.whole_file import write_text_whole
 from reports.figures.pictures import Gallery, gallery, missing_pictures
 from reports.page import page
 from reports.rows import clock, comparable
@@ -83,9 +84,8 @@ def compare(first: Side, second: Side, folder: Path) -> tuple[list[Table], str, 
         notes=notes(first, second),
         warnings=warnings([first.row, second.row]),
     )
-    folder.mkdir(parents=True, exist_ok=True)
     path = folder / "compare.html"
-    path.write_text(html, encoding="utf-8", newline="\n")
+    write_text_whole(path, html)
     return tables, headline, path
 
 

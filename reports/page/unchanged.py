@@ -15,6 +15,7 @@ from typing import Any
 import mattgs_ops
 import reports
 from mattgs_ops.store.digests import file_digest, json_digest
+from mattgs_ops.whole_file import write_text_whole
 from reports.rows.schema import Row
 
 FILE = "built.json"
@@ -55,7 +56,7 @@ def note(folder: Path, made_of: str) -> None:
     files = sorted(path for part in PARTS for path in folder.glob(part) if path.is_file())
     digests = {path.relative_to(folder).as_posix(): file_digest(path) for path in files}
     text = json.dumps({"recipe": made_of, "files": digests}, indent=1)
-    (folder / FILE).write_text(text + "\n", encoding="utf-8")
+    write_text_whole(folder / FILE, text + "\n")
 
 
 def _sources() -> dict[str, str]:

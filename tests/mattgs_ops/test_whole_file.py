@@ -1,10 +1,12 @@
 """A file is as it was until the new one is complete."""
 
+import errno
+import os
 from pathlib import Path
 
 import pytest
 
-from mattgs_ops.whole_file import written_whole
+from mattgs_ops.whole_file import write_text_whole, written_whole
 
 
 @pytest.mark.parametrize("by_many", [False, True])
@@ -35,3 +37,25 @@ def test_each_of_many_has_its_own_place(tmp_path: Path) -> None:
     with written_whole(tmp_path / "a.json", by_many=True) as mine:
         assert mine != tmp_path / "a.json.part"
         mine.write_text("x")
+
+
+def test_text_has_the_same_bytes_on_any_system_and_its_folder_is_made(tmp_path: Path) -> None:
+    write_text_whole(tmp_path / "new" / "a.md", "ä\nb\n")
+    assert (tmp_path / "new" / "a.md").read_bytes() == "ä\nb\n".encode()
+
+
+def test_an_error_of_the_disk_names_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    path.write_text("before")
+    (tmp_path / "a.json.part").symlink_to("/dev/full")
+    with pytest.raises(OSError, match="No space left") as raised:
+        write_text_whole(path, "after")
+    assert raised.value.filename == str(path)
+    assert path.read_text() == "before"
+
+
+def test_an_error_of_something_else_names_what_it_named(tmp_path: Path) -> None:
+    refused = OSError(errno.ECONNREFUSED, os.strerror(errno.ECONNREFUSED))
+    with pytest.raises(OSError, match="refused") as raised, written_whole(tmp_path / "a.json"):
+        raise refused
+    assert raised.value.filename is None

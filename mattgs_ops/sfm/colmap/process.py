@@ -6,18 +6,20 @@ loaded beside it; none of that may end the caller.
 
 import json
 import os
+import re
 import subprocess
 import sys
 from collections import deque
 from pathlib import Path
 
 from mattgs_ops.child_process import how_it_ended
-from mattgs_ops.errors import InputError, StageError
+from mattgs_ops.errors import InputError, StageError, full_among
 from mattgs_ops.progress import Progress
 from mattgs_ops.sfm.colmap.job import ANSWER_FILE, Answer, Job
 
 WORKER = ("-P", "-m", "mattgs_ops.sfm.colmap.worker")
 LAST_LINES = 12  # of the log, in an error's message
+COLOURS = re.compile(r"\x1b\[[0-9;]*m")  # COLMAP's, for a terminal
 # One thread per numeric library: the worker's own pool is the only parallelism
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -80,4 +82,6 @@ def _listen(worker: "subprocess.Popen[str]", log: Path, progress: Progress) -> E
 def _with_log(how: str, log: Path) -> str:
     with log.open(encoding="utf-8", errors="replace") as file:
         lines = "".join(deque(file, LAST_LINES)).rstrip() or "(the log is empty)"
-    return f"structure-from-motion: its process {how}; the last lines of {log}:\n{lines}"
+    full = "".join(f"{place}: no room is left; " for place in full_among([log.parent]))
+    plain = COLOURS.sub("", lines)
+    return f"structure-from-motion: {full}its process {how}; the last lines of {log}:\n{plain}"

@@ -113,7 +113,8 @@ def test_a_full_disk_is_said_plainly(
     monkeypatch.setattr(app, "app", write_to_a_full_disk)
     with pytest.raises(SystemExit, match="1"):
         app.main()
-    assert "No space left on device: make room" in capsys.readouterr().err
+    line = "mattgs: No space left on device: make room; the same command goes on from here\n"
+    assert capsys.readouterr().err == line, "no folder is said to be full: none is"
 
 
 def test_ctrl_c_says_that_the_same_command_goes_on(

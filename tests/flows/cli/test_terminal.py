@@ -1,5 +1,6 @@
 """What a terminal, or a log, is told while a benchmark runs."""
 
+import time
 from io import StringIO
 from pathlib import Path
 
@@ -36,3 +37,16 @@ def test_stages_that_will_never_run_count_no_more(
     never = 6  # of the rover: poses, masks that agree, truth, training, scores and speed
     assert f"3/{len(planned) - never}" in told
     assert f"3/{len(planned)}" not in told
+
+
+def test_what_is_waited_for_is_told_when_it_takes_long_and_only_then() -> None:
+    text = StringIO()
+    console = Console(file=text, width=100)
+    with terminal.told_when_slow(console, "the store", seconds=60):
+        pass
+    assert text.getvalue() == ""
+    with terminal.told_when_slow(console, "the store", seconds=0):
+        end = time.monotonic() + 30
+        while not text.getvalue() and time.monotonic() < end:
+            time.sleep(0.01)
+    assert text.getvalue() == "! still waiting for the store\n"

@@ -285,11 +285,16 @@ def test_a_stage_s_photo_is_read_as_red_green_blue(tmp_path: Path) -> None:
 
 def test_what_is_written_is_read_by_any_program_as_it_was(tmp_path: Path) -> None:
     rgb, mask = colours(), colours()[..., 0]
-    write_png(tmp_path / "new" / "photo.png", rgb)
-    write_png(tmp_path / "new" / "mask.png", mask)
     for name, pixels in (("photo.png", rgb), ("mask.png", mask)):
+        write_png(tmp_path / "new" / name, pixels)
         with Image.open(tmp_path / "new" / name) as stored:
             np.testing.assert_array_equal(np.asarray(stored), pixels)
     (tmp_path / "taken.png").mkdir()
-    with pytest.raises(StageError, match=r"taken\.png"):
+    with pytest.raises(StageError, match=r"taken\.png: could not be written: Is a directory"):
         write_png(tmp_path / "taken.png", mask)
+
+
+def test_a_full_disk_is_the_reason_why_a_photo_could_not_be_written(tmp_path: Path) -> None:
+    (tmp_path / "a.png").symlink_to("/dev/full")
+    with pytest.raises(StageError, match=r"a\.png: could not be written: No space left"):
+        write_png(tmp_path / "a.png", colours())

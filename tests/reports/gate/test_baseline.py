@@ -32,6 +32,17 @@ def test_what_is_read_is_what_was_written(
     assert again.read_bytes() == path.read_bytes()
 
 
+def test_a_baseline_that_cannot_be_written_leaves_the_one_before(
+    make_grid: Callable[..., list[Row]], tmp_path: Path
+) -> None:
+    path = tmp_path / "quick.json"
+    path.write_text("before")
+    (tmp_path / "quick.json.part").symlink_to("/dev/full")
+    with pytest.raises(OSError, match="No space left"):
+        baseline.make(make_grid(), "quick", {"time": 0.02}).save(path)
+    assert path.read_text() == "before"
+
+
 def test_training_views_keep_their_names_only(make_row: Callable[..., Row]) -> None:
     row = make_row("rover", "nobg", "3dgs")
     row["per_view"].append({"view": "0001.jpg", "split": "train", "psnr": 30.0})

@@ -91,6 +91,19 @@ def test_a_worker_that_says_nothing_is_still_an_error(
         run_code("import os\nos._exit(1)\n", tmp_path, monkeypatch)
 
 
+def test_a_full_disk_is_told_before_the_log_whose_colours_are_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    code = "import sys\nprint('\\x1b[0;33mW2026 a warning', file=sys.stderr)\nsys.exit(1)\n"
+    monkeypatch.setattr(process, "full_among", list)
+    with pytest.raises(StageError) as error:
+        run_code(code, tmp_path, monkeypatch)
+    assert str(error.value) == (
+        f"structure-from-motion: {tmp_path}: no room is left; its process ended with status 1; "
+        f"the last lines of {tmp_path / 'log'}:\nW2026 a warning"
+    )
+
+
 def test_a_success_without_an_answer_is_an_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

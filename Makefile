@@ -10,8 +10,9 @@ KERNELS := $(shell find mattgs_ops/splat/_kernels mattgs_ops/sfm/colmap/_kernels
 BUILD_INPUTS := pyproject.toml CMakeLists.txt $(KERNELS)
 # the editable installation lists the modules: it is made anew when one was added, moved or removed
 MODULES := $(VENV)/.modules-$(shell find mattgs_ops tasks flows reports -name '*.py' | LC_ALL=C sort | cksum | cut -d' ' -f1)
-# Python compiles what is imported, on all cores; pip would compile every file, on one, for minutes
 INSTALL := $(BIN)/python -m pip --disable-pip-version-check install -qq --no-compile --editable
+# on all cores, where pip would take one; some libraries hold files of another Python's syntax
+COMPILE := $(BIN)/python -m compileall -q -j 0 $(VENV)/lib > /dev/null || true
 
 .PHONY: run test quick-test lint types format install dev clean help
 
@@ -56,10 +57,12 @@ $(MODULES): | $(VENV)/bin/python
 
 $(VENV)/.installed: $(VENV)/bin/python $(BUILD_INPUTS) $(MODULES)
 	$(INSTALL) .
+	$(COMPILE)
 	@touch $@
 
 $(VENV)/.installed-dev: $(VENV)/bin/python $(BUILD_INPUTS) $(MODULES)
 	$(INSTALL) '.[dev]'
+	$(COMPILE)
 	@touch $@ $(VENV)/.installed
 
 clean: ## remove build products and the virtual environment; results stay

@@ -23,8 +23,10 @@ def written_whole(path: Path, *, by_many: bool = False) -> Iterator[Path]:
         yield partial
         partial.replace(path)
     except BaseException as error:
-        if isinstance(error, OSError) and error.errno in OF_THE_DISK and error.filename is None:
-            error.filename = str(path)  # of a full disk Python does not say which
+        if isinstance(error, OSError):
+            unnamed = error.filename is None and error.errno in OF_THE_DISK  # as of a full disk
+            if unnamed or str(error.filename) == str(partial):
+                error.filename = str(path)  # which is what users know
         with suppress(OSError):  # the error before says more
             partial.unlink()
         raise

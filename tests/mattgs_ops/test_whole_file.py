@@ -54,6 +54,14 @@ def test_an_error_of_the_disk_names_the_file(tmp_path: Path) -> None:
     assert path.read_text() == "before"
 
 
+def test_a_place_that_is_taken_or_missing_is_named_as_users_know_it(tmp_path: Path) -> None:
+    (tmp_path / "made").mkdir()
+    for path in (tmp_path / "made", tmp_path / "missing" / "a.json"):
+        with pytest.raises(OSError, match=path.name) as raised, written_whole(path) as partial:
+            partial.touch()
+        assert raised.value.filename == str(path)
+
+
 def test_an_error_of_something_else_names_what_it_named(tmp_path: Path) -> None:
     refused = OSError(errno.ECONNREFUSED, os.strerror(errno.ECONNREFUSED))
     with pytest.raises(OSError, match="refused") as raised, written_whole(tmp_path / "a.json"):

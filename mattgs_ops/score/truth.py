@@ -26,7 +26,7 @@ from mattgs_ops.errors import InputError, StageError
 from mattgs_ops.frozen import Background
 from mattgs_ops.progress import Progress, no_progress
 from mattgs_ops.splat.photos import load_truth
-from mattgs_ops.whole_file import written_whole
+from mattgs_ops.whole_file import write_text_whole
 
 SCHEMA = 1
 TRUTH_FILE = "truth.json"
@@ -137,8 +137,7 @@ def link_truth(folder: Path, out: Path) -> StoredTruth:
 def write_json(path: Path, document: Mapping[str, Any] | Sequence[Any]) -> None:
     """Write a document whole or not at all; raises :class:`ValueError` for NaN and infinity."""
     text = json.dumps(document, indent=1, sort_keys=True, allow_nan=False)
-    with written_whole(path) as partial:
-        partial.write_text(text + "\n", encoding="utf-8")
+    write_text_whole(path, text + "\n")
 
 
 def as_bytes(values: NDArray[np.float32]) -> NDArray[np.uint8]:

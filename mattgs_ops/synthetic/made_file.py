@@ -10,15 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from mattgs_ops.errors import InputError
-from mattgs_ops.whole_file import written_whole
+from mattgs_ops.whole_file import write_text_whole
 
 FILE = "made.json"
 
 
 def write_made(path: Path, made: Mapping[str, object]) -> None:
     """Write what images are made with, whole or not at all."""
-    with written_whole(path) as partial:
-        partial.write_text(json.dumps(made) + "\n", encoding="utf-8")
+    write_text_whole(path, json.dumps(made) + "\n")
 
 
 def check_same(path: Path, made: Mapping[str, object], what: str) -> None:

@@ -35,7 +35,7 @@ from mattgs_ops.synthetic.surfaces.materials import Part, Stage
 from mattgs_ops.synthetic.surfaces.mesh import Array
 from mattgs_ops.synthetic.surroundings.desk import furnish
 from mattgs_ops.synthetic.tracer import Layers, Tracer, choose_variant, room_light
-from mattgs_ops.whole_file import written_whole
+from mattgs_ops.whole_file import write_text_whole, written_whole
 
 NAMES = ("rover", "hexapod", "lattepanda", "desk_extra")
 # light paths per pixel of training and test photos (measured: benchmarks/captures/photo_noise.py)
@@ -278,5 +278,4 @@ def save_transforms(
         **(split or {}),
         "frames": frames,
     }
-    with written_whole(path) as partial:
-        partial.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+    write_text_whole(path, json.dumps(data, indent=1) + "\n")

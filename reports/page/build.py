@@ -92,7 +92,9 @@ def build(
         return path
     good = [row for cell in cells(promoted.mark(rows, baselines)) for row in cell.rows]
     out.mkdir(parents=True, exist_ok=True)
-    _write(out / "rows.json", json.dumps(good, indent=1, sort_keys=True, allow_nan=False) + "\n")
+    write_text_whole(
+        out / "rows.json", json.dumps(good, indent=1, sort_keys=True, allow_nan=False) + "\n"
+    )
     against = promoted.promoted_table(good, baselines)
     tables = [*all_tables(good, values), *([] if against is None else [against])]
     _write_tables(tables, out / "tables")
@@ -122,9 +124,9 @@ def build(
         problems=wrong,
     )
     facts = dict(verdict.facts(good) if summary is None else summary)
-    _write(out / "report.md", _markdown(content, absent, out))
+    write_text_whole(out / "report.md", _markdown(content, absent, out))
     missing = pictures.missing_pictures(galleries)  # of sliders and 3D views, too
-    _write(path, _html(content, facts, shown, missing))
+    write_text_whole(path, _html(content, facts, shown, missing))
     unchanged.note(out, made_of)
     return path
 
@@ -132,7 +134,7 @@ def build(
 def _write_tables(tables: Sequence[Table], folder: Path) -> None:
     for table in tables:
         for suffix, form in FORMATS.items():
-            _write(folder / f"{table.slug}.{suffix}", form(table))
+            write_text_whole(folder / f"{table.slug}.{suffix}", form(table))
 
 
 def _judged(rows: Sequence[Row]) -> list[verdict.Verdict]:
@@ -202,7 +204,3 @@ def _pictures(drawn: Sequence[Saved], out: Path) -> list[str]:
         caption = plain(figure.caption)
         parts += [f"![{caption}]({link})", "", f"*{caption}*", ""]
     return parts
-
-
-def _write(path: Path, text: str) -> None:
-    write_text_whole(path, text)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from mattgs_ops.splat.photos import Colour
-from mattgs_ops.whole_file import written_whole
+from mattgs_ops.whole_file import write_text_whole
 
 SCHEMA = 1
 FILE = "training.json"
@@ -52,8 +52,7 @@ class TrainingReport:
     def save(self, folder: Path) -> None:
         """Write ``folder/training.json``; it appears whole or not at all."""
         text = json.dumps(asdict(self), indent=1, sort_keys=True, allow_nan=False)
-        with written_whole(folder / FILE) as partial:
-            partial.write_text(text + "\n", encoding="utf-8")
+        write_text_whole(folder / FILE, text + "\n")
 
     @classmethod
     def load(cls, folder: Path) -> "TrainingReport":

@@ -31,7 +31,7 @@ from mattgs_ops.segment.training_images.traced.objects import put_figure, put_th
 from mattgs_ops.segment.training_images.traced.rooms import Room, lay_room, put_random
 from mattgs_ops.synthetic.made_file import FILE, check_folder, write_made
 from mattgs_ops.synthetic.tracer import GRID
-from mattgs_ops.whole_file import written_whole
+from mattgs_ops.whole_file import write_text_whole
 
 if TYPE_CHECKING:  # Mitsuba is an extra
     from collections.abc import Callable
@@ -82,8 +82,7 @@ def render_places(config: RenderedConfig, out: Path, *, progress: Progress = no_
     for place, done in enumerate(places):
         if not done.is_file():
             cameras = _place(config, place, out)
-            with written_whole(done) as partial:
-                partial.write_text(json.dumps(cameras), encoding="utf-8")
+            write_text_whole(done, json.dumps(cameras))
         progress(place + 1, len(places), "places rendered")
 
 

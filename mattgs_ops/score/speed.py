@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mattgs_ops.capture.scene import Scene
 from mattgs_ops.config import Condition
@@ -12,8 +13,10 @@ from mattgs_ops.splat.photos import WHITE, Colour, camera_at
 from mattgs_ops.splat.render import time_views
 from mattgs_ops.timing import calibration
 
-FEWEST_ROUNDS = 9  # over the views, rendering and workload in turns
-FEWEST_SECONDS = 1.0  # of rendering
+# Over the views, rendering and workload in turns; how much more of them would tell is printed by
+# benchmarks/speed_rounds.py
+FEWEST_ROUNDS = 5
+FEWEST_SECONDS = 1.0  # of renderings and workloads
 # Standard error of a normal sample's lower quartile, times root n, over the median absolute
 # deviation
 QUARTILE_ERROR = 1.4826 * 1.3626
@@ -36,7 +39,7 @@ def measure_speed(
     of the fastest workload; ``fps_calibrated``: frames rendered in the time of one workload, both
     by what is :func:`~mattgs_ops.timing.calibration.undisturbed`, each view by itself;
     ``fps_noise``: the relative standard error of that, from the median absolute deviation of the
-    rounds. At least ``fewest_seconds`` of rendering are timed.
+    rounds. At least ``fewest_seconds`` of renderings and workloads are timed.
     Meant to run alone on its machine; time lost to others is not counted
     (:mod:`mattgs_ops.timing.stopwatch`).
     """
@@ -45,22 +48,30 @@ def measure_speed(
     if not cameras:
         raise StageError(f"scene {scene.name}: expected test views with a camera, found none")
     splats = read_ply(splats_ply)
-    pairs, rendered = calibration.Pairs(), 0.0
+    pairs, timed = calibration.Pairs(), 0.0
     for index, took in time_views(splats, cameras, shown, threads=threads):
-        pairs.add(took)
-        rendered += took
+        timed += took + pairs.add(took)
         round_ended = index == len(cameras) - 1
-        enough = len(pairs) >= FEWEST_ROUNDS * len(cameras) and rendered >= fewest_seconds
+        enough = len(pairs) >= FEWEST_ROUNDS * len(cameras) and timed >= fewest_seconds
         if round_ended and enough:
             break
-    views, workloads = pairs.seconds()
-    rounds = views.reshape(-1, len(cameras))
+    return from_pairs(*pairs.seconds(), len(cameras))
+
+
+def from_pairs(
+    views: NDArray[np.float64], workloads: NDArray[np.float64], cameras: int
+) -> dict[str, float]:
+    """Return the metrics of :func:`measure_speed` from seconds of views and of their workloads.
+
+    Both [rounds * cameras]: round after round, each over all cameras.
+    """
+    rounds = views.reshape(-1, cameras)
     mean = np.mean([calibration.undisturbed(seconds) for seconds in rounds.T])
     ratios = rounds / workloads.reshape(rounds.shape)
     deviation = float(np.median(np.abs(np.log(ratios / np.median(ratios, axis=0)))))
     return {
-        "fps": len(pairs) / rendered,
+        "fps": len(views) / float(views.sum()),
         "calibration": float(workloads.min()),
         "fps_calibrated": float(calibration.undisturbed(workloads) / mean),
-        "fps_noise": QUARTILE_ERROR * deviation / float(np.sqrt(len(pairs))),
+        "fps_noise": QUARTILE_ERROR * deviation / float(np.sqrt(len(views))),
     }

@@ -54,9 +54,11 @@ class Pairs:
     def __len__(self) -> int:
         return len(self._pairs)
 
-    def add(self, seconds: float) -> None:
-        """Put one workload beside a piece that has just taken ``seconds``."""
-        self._pairs.append((seconds, _timed(self._inputs)))
+    def add(self, seconds: float) -> float:
+        """Put one workload beside a piece that has just taken ``seconds``; return its seconds."""
+        workload_seconds = _timed(self._inputs)
+        self._pairs.append((seconds, workload_seconds))
+        return workload_seconds
 
     def seconds(self) -> NDArray[np.float64]:
         """Return the seconds of pieces and of workloads [2, P]."""

@@ -16,6 +16,8 @@ from urllib.request import proxy_bypass
 
 import prefect
 import pytest
+from distributed.protocol.pickle import dumps, loads
+from prefect.context import hydrated_context, serialize_context
 
 from flows.services import embedded
 from flows.services.prefect_settings import certificates_for_own, check, configured, using_own
@@ -199,3 +201,21 @@ def test_our_own_server_is_reached_with_a_list_of_one_authority(
         with prefect.get_client(sync_client=True) as client:
             assert client.api_healthcheck() is None
     assert prefect.settings.get_current_settings().api.ssl_cert_file != str(certificates)
+
+
+def test_our_own_servers_settings_are_handed_to_task_runs_as_they_are(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    address = "http://127.0.0.1:9/api"
+    with using_own(address, certificates_for_own(tmp_path)):
+        secret = {prefect.settings.PREFECT_API_KEY: "sesame"}
+        with prefect.settings.temporary_settings(secret):
+            assert "sesame" in str(serialize_context()), "Prefect's own way, below another context"
+        carried = dumps(serialize_context())
+        shown = prefect.context.get_settings_context().serialize(include_secrets=False)
+        assert isinstance(shown["settings"], dict), "what hides secrets is written out"
+    monkeypatch.setenv("PREFECT_API_URL", "http://surroundings.of.the.worker/api")
+    with hydrated_context(loads(carried)):
+        found = prefect.settings.get_current_settings()
+        assert found.api.url == address
+        assert not found.logging.to_api.enabled

@@ -27,6 +27,7 @@ from pathlib import Path
 
 from mattgs_ops.child_process import die_with_parent
 from mattgs_ops.errors import StageError
+from mattgs_ops.store import user_cache
 from mattgs_ops.whole_file import written_whole
 
 START_SECONDS = 180.0  # a fresh database takes up to 40 s on a busy machine
@@ -104,8 +105,7 @@ class PrefectServer:
 
 def _template() -> Path:
     """Return where an empty database of the installed version is kept."""
-    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return cache / "mattgs" / f"prefect-{version('prefect')}.db"
+    return user_cache.folder() / f"prefect-{version('prefect')}.db"
 
 
 def _copied(database: Path) -> bool:

@@ -14,7 +14,7 @@ from mattgs_ops.splat.render import time_views
 from mattgs_ops.timing import calibration
 
 # Over the views, rendering and workload in turns; how much more of them would tell is printed by
-# benchmarks/speed_rounds.py
+# benchmarks/timing/speed_rounds.py
 FEWEST_ROUNDS = 5
 FEWEST_SECONDS = 1.0  # of renderings and workloads
 # Standard error of a normal sample's lower quartile, times root n, over the median absolute
@@ -55,7 +55,8 @@ def measure_speed(
         enough = len(pairs) >= FEWEST_ROUNDS * len(cameras) and timed >= fewest_seconds
         if round_ended and enough:
             break
-    return from_pairs(*pairs.seconds(), len(cameras))
+    views, workloads = pairs.seconds()
+    return from_pairs(views, workloads, len(cameras))
 
 
 def from_pairs(

@@ -9,6 +9,7 @@ stage's fresh process is about to run.
 
 import ast
 import hashlib
+import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
@@ -17,6 +18,7 @@ from pathlib import Path
 
 from mattgs_ops.errors import InputError
 from mattgs_ops.store.digests import file_digest, json_digest
+from mattgs_ops.store.user_cache import KeptValues
 
 ROOT = Path(__file__).resolve().parents[2]  # holds the package mattgs_ops and its neighbours
 PACKAGE = "mattgs_ops"
@@ -50,6 +52,8 @@ STAGES: dict[str, tuple[str, ...]] = {
     "evaluate": ("mattgs_ops.score.evaluate",),
     "measure": ("mattgs_ops.score.speed", "mattgs_ops.timing.calibration"),
 }
+PARSED_BY = 1  # raised when `_parse` finds something else in the same file
+KEPT = KeptValues("sources")
 TRUTH = ("mattgs_ops.score.truth",)  # what renders are compared with
 TRAINERS = ("mattgs_ops.trainers",)  # behind trainings by other programs
 
@@ -142,9 +146,24 @@ def _source(path: Path) -> _Source:
 
 @lru_cache(maxsize=1024)
 def _parsed(path: Path, changed: int, size: int) -> _Source:
-    """Parse a file once per version of it on disk, which ``changed`` and ``size`` tell apart."""
+    """Parse a file once per version of it on disk, which ``changed`` and ``size`` tell apart.
+
+    What was found is kept by the file's contents: parsing all that is behind the stages takes two
+    seconds, in each process that asks.
+    """
     del changed, size
-    tree = ast.parse(path.read_text(encoding="utf-8"), filename=str(path))
+    text = path.read_bytes()
+    key = hashlib.sha256(f"{PARSED_BY} {sys.version}\n".encode() + text).hexdigest()
+    kept = KEPT.find(key)
+    if kept is not None:
+        return _Source(tuple((level, name) for level, name in kept["imports"]), kept["meaning"])
+    found = _parse(text, path)
+    KEPT.keep(key, {"imports": found.imports, "meaning": found.meaning})
+    return found
+
+
+def _parse(text: bytes, path: Path) -> _Source:
+    tree = ast.parse(text, filename=str(path))
     imports: list[tuple[int, str]] = []
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):

@@ -13,7 +13,7 @@ single fastest is luck.
 The workload shares no code with the engine, so that an engine that became slower shows. Most of it
 is arithmetic in the interpreter, which follows the core's own pace and stays in the first-level
 cache. The rest gathers through memory, as much as makes it lose what the engine loses when a
-neighbour takes bandwidth. ``benchmarks/calibration.py`` compares it with other workloads.
+neighbour takes bandwidth. ``benchmarks/timing/calibration.py`` compares it with other workloads.
 """
 
 import numpy as np

@@ -1,6 +1,6 @@
 """How many rounds over the views a measurement of rendering speed needs.
 
-    python benchmarks/speed_rounds.py [--processes 12]
+    python benchmarks/timing/speed_rounds.py [--processes 12]
 
 Each process renders the same scene from the same cameras, nine rounds with a workload after each
 view, as ``mattgs_ops/score/speed.py`` does. The first 3, the first 5 and all 9 rounds are made into
@@ -48,7 +48,7 @@ def main() -> None:
     if options.one:
         print(json.dumps(one_process()))
         return
-    command = [sys.executable, "-m", "benchmarks.speed_rounds", "--one"]
+    command = [sys.executable, "-m", "benchmarks.timing.speed_rounds", "--one"]
     found = [json.loads(subprocess.check_output(command)) for _ in range(options.processes)]
     print("| rounds | spread of processes | its own error | against nine |")
     print("|--:|--:|--:|--:|")

@@ -1,6 +1,6 @@
 """Which fixed workload says best how fast the machine is for rendering: candidates in one run.
 
-    python benchmarks/calibration.py [--processes 8] [--seconds 4]
+    python benchmarks/timing/calibration.py [--processes 8] [--seconds 4]
 
 Each process renders one scene, view after view, and times every candidate after each view, so that
 all see the same moments. Printed is what is left of a view's seconds once they are divided by the
@@ -114,7 +114,7 @@ def main() -> None:
     if options.one:
         print(json.dumps(one_process(options.seconds)))
         return
-    command = [sys.executable, "-m", "benchmarks.calibration", "--one"]
+    command = [sys.executable, "-m", "benchmarks.timing.calibration", "--one"]
     command += ["--seconds", str(options.seconds)]
     found: dict[str, list[dict[str, float]]] = {}
     for kind in NEIGHBOURS:

@@ -1,0 +1,50 @@
+"""What this project keeps in the user's cache folder: nothing that cannot be made again.
+
+``$XDG_CACHE_HOME/mattgs``, or ``~/.cache/mattgs``. Whoever may not write there goes without.
+"""
+
+import json
+import os
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing, contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+FAILURES = (OSError, RuntimeError, sqlite3.Error)  # a user without a home has no cache either
+PATIENCE_SECONDS = 1.0  # while another process writes
+
+
+def folder() -> Path:
+    """Return the cache folder, there or not; raises :class:`RuntimeError` without a home."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "mattgs"
+
+
+class KeptValues:
+    """JSON values by key in one file of the cache folder, for all processes of a user."""
+
+    def __init__(self, name: str) -> None:
+        self._name = f"{name}.db"
+
+    def find(self, key: str) -> Any:
+        """Return the value, None where there is none."""
+        with suppress(*FAILURES, ValueError), self._table() as table:
+            found = table.execute("SELECT value FROM kept WHERE key = ?", (key,)).fetchone()
+            return None if found is None else json.loads(found[0])
+        return None
+
+    def keep(self, key: str, value: Any) -> None:
+        """Keep a value; without the right to, or while others are busy there, do nothing."""
+        with suppress(*FAILURES):
+            folder().mkdir(parents=True, exist_ok=True)
+            with self._table() as table:
+                table.execute("PRAGMA synchronous=OFF")  # what is lost is made again
+                table.execute("CREATE TABLE IF NOT EXISTS kept (key TEXT PRIMARY KEY, value TEXT)")
+                text = json.dumps(value)
+                table.execute("INSERT OR REPLACE INTO kept VALUES (?, ?)", (key, text))
+                table.commit()
+
+    @contextmanager
+    def _table(self) -> Iterator[sqlite3.Connection]:
+        with closing(sqlite3.connect(folder() / self._name, timeout=PATIENCE_SECONDS)) as table:
+            yield table

@@ -19,9 +19,9 @@ INSTALL = $(call LIBRARIES,$(1)) > $(VENV)/libraries.txt; \
   $(PIP) --no-deps --editable . & engine=$$!; \
   $(PIP) --requirement $(VENV)/libraries.txt; libraries=$$?; \
   wait $$engine && exit $$libraries
-# on all cores, where pip would take one; nothing imports the libraries' own tests, and some of their files are of another
-# Python's syntax
-COMPILE := $(BIN)/python -m compileall -q -j 0 -x '/tests?/' $(VENV)/lib > /dev/null || true
+# on all cores, where pip would take one; not the libraries' own tests, some of which are of another Python's syntax, nor the
+# large libraries of which next to nothing is imported
+COMPILE := $(BIN)/python -m compileall -q -j 0 -x '/(tests?|databricks|moto|sklearn)/' $(VENV)/lib > /dev/null || true
 
 .PHONY: run test quick-test lint types format install dev clean help
 

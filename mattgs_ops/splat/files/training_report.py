@@ -36,7 +36,7 @@ class TrainingReport:
     starting_source: str
     wall_seconds: float
     cpu_seconds: float
-    calibration: float  # seconds of mattgs_ops.timing.calibration's workload, just before or after
+    calibration: float  # seconds of mattgs_ops.timing.calibration's workload, the fastest
     laps: tuple[dict[str, float], ...]  # mattgs_ops.splat.training.laps; empty for a resumed run
     resumed_from: int
     extent: float

@@ -42,6 +42,10 @@ class Laps:
         if ended:
             self._close()
 
+    def fastest_workload(self) -> float:
+        """Return the seconds of the fastest workload so far, infinite before the first one."""
+        return float(self._pairs.seconds()[1].min(initial=np.inf))
+
     def _close(self) -> None:
         steps = np.array(self._pieces)
         pieces, workloads = self._pairs.seconds()[:, -len(steps) :]

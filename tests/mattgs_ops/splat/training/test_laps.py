@@ -26,7 +26,7 @@ class FakePairs:
         self.pairs.append((seconds, given))
 
     def seconds(self) -> np.ndarray:
-        return np.array(self.pairs).T
+        return np.array(self.pairs, dtype=np.float64).reshape(-1, 2).T
 
 
 @pytest.fixture(autouse=True)
@@ -42,6 +42,15 @@ def test_every_step_counts_once() -> None:
     assert len(found.rows) == LAPS
     assert sum(row["value"] for row in found.rows) == pytest.approx(0.01 * 5050)
     assert found.rows[0]["value"] == pytest.approx(0.01 * 78)
+
+
+def test_the_fastest_workload_is_of_all_laps(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(FakePairs, "workloads", iter([3 * WORKLOAD, WORKLOAD, 2 * WORKLOAD] * LAPS))
+    found = Laps(3 * LAPS)
+    assert found.fastest_workload() == np.inf
+    for step in range(1, 3 * LAPS + 1):
+        found.add(step, PIECE_SECONDS)
+    assert found.fastest_workload() == WORKLOAD
 
 
 def test_steady_steps_give_the_workload_itself() -> None:

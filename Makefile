@@ -20,8 +20,9 @@ INSTALL = $(call LIBRARIES,$(1)) > $(VENV)/libraries.txt; \
   $(PIP) --requirement $(VENV)/libraries.txt; libraries=$$?; \
   wait $$engine && exit $$libraries
 # on all cores, where pip would take one; not the libraries' own tests, some of which are of another Python's syntax, nor the
-# large libraries of which next to nothing is imported
-COMPILE := $(BIN)/python -m compileall -q -j 0 -x '/(tests?|databricks|moto|sklearn)/' $(VENV)/lib > /dev/null || true
+# large libraries of which next to nothing is imported; our own modules, too, as the environment may forbid to do it later
+COMPILE := $(BIN)/python -m compileall -q -j 0 -x '/(tests?|databricks|moto|sklearn)/' $(VENV)/lib mattgs_ops tasks \
+  flows reports benchmarks > /dev/null || true
 
 .PHONY: run test quick-test lint types format install dev clean help
 

@@ -2,7 +2,6 @@
 
 import errno
 import logging
-import os
 import signal
 import sys
 from collections.abc import Iterator
@@ -21,13 +20,13 @@ from flows.cli.arguments import (
     Out,
     Photos,
     end_with,
+    exit_with,
     of_a_disk,
     of_mlflow,
     one_folder,
     replace_what_cannot_be_printed,
 )
 from flows.cli.making import captures, segment
-from flows.services import background
 from mattgs_ops.errors import InputError, MattgsError
 
 AGAIN_SECONDS = 0.05  # after which a Ctrl-C that was dropped comes again
@@ -286,13 +285,10 @@ def main() -> None:
 
 
 def _end_interrupted(*, terminated: bool) -> NoReturn:
-    """End the process, and say so; at once where threads are at work that would not notice."""
+    """End the process, and say so."""
     how = "ended by SIGTERM" if terminated else "interrupted"
     sys.stderr.write(f"mattgs: {how}; the same command goes on from here\n")
-    code = EXIT_TERMINATED if terminated else EXIT_INTERRUPTED
-    if background.at_work():
-        os._exit(code)
-    sys.exit(code)
+    exit_with(EXIT_TERMINATED if terminated else EXIT_INTERRUPTED)
 
 
 if __name__ == "__main__":

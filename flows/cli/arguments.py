@@ -1,6 +1,7 @@
 """Options that several commands share, and what they say and exit with when they fail."""
 
 import io
+import os
 import sys
 import tempfile
 from itertools import pairwise
@@ -9,6 +10,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
+from flows.services import background
 from mattgs_ops.errors import FULL, InputError, of_the_disk
 
 DEFAULT_OUT = Path("mattgs-out")
@@ -21,8 +23,16 @@ NamedPhotos = Annotated[Path | None, typer.Option("--photos", help="The same fol
 
 
 def end_with(told: object, code: int) -> NoReturn:
-    """End the program with a line on standard error."""
+    """End the program with a line on standard error; do not wait for services that start."""
     sys.stderr.write(f"mattgs: {told}\n")
+    exit_with(code)
+
+
+def exit_with(code: int) -> NoReturn:
+    """End the program; at once where threads are at work that would not notice."""
+    if background.at_work():
+        sys.stdout.flush()
+        os._exit(code)
     sys.exit(code)
 
 

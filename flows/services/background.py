@@ -4,12 +4,14 @@ import threading
 from collections.abc import Callable
 from typing import Self
 
+from mattgs_ops.errors import InputError
+
 
 class Background(threading.Thread):
     """Run a function in a thread; :meth:`finish` waits and raises what it raised.
 
-    As a context it ends with its block, unless that is interrupted. It is a daemon: it keeps no
-    process from ending.
+    As a context it ends with its block, unless the process :func:`ends_at_once`. It is a daemon: it
+    keeps no process from ending.
     """
 
     def __init__(self, function: Callable[[], object]) -> None:
@@ -35,13 +37,18 @@ class Background(threading.Thread):
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        if not interrupted(kind):
+        if not ends_at_once(kind):
             self.join()
 
 
-def interrupted(kind: type[BaseException] | None) -> bool:
-    """Whether a block was left by Ctrl-C or the like: the process is to end without more work."""
-    return kind is not None and not issubclass(kind, (Exception, SystemExit))
+def ends_at_once(kind: type[BaseException] | None) -> bool:
+    """Whether the process is to end without more work, by what a block was left with.
+
+    That is Ctrl-C or the like, and what the user must see to first.
+    """
+    if kind is None:
+        return False
+    return issubclass(kind, InputError) or not issubclass(kind, (Exception, SystemExit))
 
 
 def at_work() -> bool:

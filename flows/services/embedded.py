@@ -17,7 +17,7 @@ from typing import IO
 from urllib.request import getproxies_environment
 
 from flows.services import dask_cluster, prefect_settings, registries
-from flows.services.background import Background, interrupted
+from flows.services.background import Background, ends_at_once
 from flows.services.prefect_server import PrefectServer
 from mattgs_ops.config import RunConfig
 from mattgs_ops.errors import InputError
@@ -136,13 +136,13 @@ class Starting:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        """End what is ours; what is still starting is not waited for on an interruption.
+        """End what is ours; where the process ends at once, do not wait for what is still starting.
 
-        It ends with the process; what it left of a database the next run removes.
+        That ends with the process; what it left of a database the next run removes.
         """
         if kind is not None and issubclass(kind, KeyboardInterrupt):
             sys.stderr.write("mattgs: interrupted; ending its services\n")
-        if not interrupted(kind):
+        if not ends_at_once(kind):
             self._mlflow.join()
             self._workers.join()
         self._stack.close()

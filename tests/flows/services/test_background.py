@@ -4,8 +4,8 @@ from threading import Event
 
 import pytest
 
-from flows.services.background import Background, at_work
-from mattgs_ops.errors import InputError
+from flows.services.background import Background, at_work, ends_at_once
+from mattgs_ops.errors import InputError, StageError
 
 
 def broken() -> None:
@@ -56,3 +56,19 @@ def test_an_interruption_does_not_wait_for_it() -> None:
 def test_it_never_keeps_a_process_from_ending() -> None:
     with Background(lambda: None) as thread:
         assert thread.daemon
+
+
+@pytest.mark.parametrize(
+    ("kind", "at_once"),
+    [
+        (None, False),
+        (KeyboardInterrupt, True),
+        (InputError, True),  # services that start would hold the message's process up for long
+        (StageError, False),
+        (SystemExit, False),
+    ],
+)
+def test_a_block_is_not_waited_for_where_the_process_is_to_end(
+    kind: type[BaseException] | None, at_once: bool
+) -> None:
+    assert ends_at_once(kind) == at_once

@@ -12,7 +12,7 @@ import pytest
 
 from flows.services import dask_cluster, embedded, prefect_settings
 from mattgs_ops.config import RunConfig
-from mattgs_ops.errors import InputError
+from mattgs_ops.errors import InputError, StageError
 from tasks.registry import runs
 
 
@@ -46,26 +46,37 @@ def slow(monkeypatch: pytest.MonkeyPatch) -> Iterator[Slow]:
     slow.let.set()
 
 
-def test_ctrl_c_does_not_wait_for_what_is_still_starting_and_is_answered_at_once(
-    slow: Slow, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("left_by", "told"),
+    [
+        (KeyboardInterrupt(), "mattgs: interrupted; ending its services\n"),
+        (InputError("no such photo"), ""),
+    ],
+)
+def test_ctrl_c_and_bad_input_do_not_wait_for_what_is_still_starting(
+    slow: Slow,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    left_by: BaseException,
+    told: str,
 ) -> None:
     starting = embedded.Starting(tmp_path, RunConfig(), 1)
-    with pytest.raises(KeyboardInterrupt), starting:
-        raise KeyboardInterrupt
+    with pytest.raises(type(left_by)), starting:
+        raise left_by
     assert slow.up == []
-    assert capsys.readouterr().err == "mattgs: interrupted; ending its services\n"
+    assert capsys.readouterr().err == told
     assert "PREFECT_API_URL" not in os.environ, "all else has ended"
     slow.let.set()
     for thread in (starting._mlflow, starting._workers):
         thread.join()
 
 
-def test_after_an_error_nothing_goes_on_starting(
+def test_after_another_error_nothing_goes_on_starting(
     slow: Slow, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     Timer(0.2, slow.let.set).start()
-    with pytest.raises(InputError), embedded.Starting(tmp_path, RunConfig(), 1):
-        raise InputError("no such photo")
+    with pytest.raises(StageError), embedded.Starting(tmp_path, RunConfig(), 1):
+        raise StageError("no process could be started")
     assert sorted(slow.up) == ["dask", "mlflow"]
     assert capsys.readouterr().err == ""
 

@@ -124,7 +124,6 @@ def test_training_lifts_held_out_views_well_above_the_untrained_model(
 
 def test_the_same_command_again_repeats_no_stage(out: Path, rows: Rows) -> None:
     before = {p: p.stat().st_mtime_ns for p in (out / "store").rglob("manifest.json")}
-    mattgs(out.parent, *COMMAND, "--conditions", "original-ours,nobg-ours")
-    after = {p: p.stat().st_mtime_ns for p in (out / "store").rglob("manifest.json")}
-    assert {p: after.get(p) for p in before} == before
-    assert len(rows) == len(CONDITIONS)
+    mattgs(out.parent, *COMMAND)
+    assert {p: p.stat().st_mtime_ns for p in (out / "store").rglob("manifest.json")} == before
+    assert len(before) > 2 * len(rows), "each was trained and scored"

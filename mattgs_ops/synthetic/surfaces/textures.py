@@ -4,6 +4,7 @@ All functions return [H, W, 3] uint8 sRGB images drawn with the generator given 
 """
 
 from itertools import pairwise
+from math import ceil
 
 import cv2
 import numpy as np
@@ -11,6 +12,8 @@ from numpy.random import Generator
 
 from mattgs_ops.synthetic.surfaces.materials import Image
 from mattgs_ops.synthetic.surfaces.print import Sheet, noise, phrase
+
+BLUR_REACH = 8  # standard deviations: twice as far as OpenCV's filter
 
 
 def _image(values: np.ndarray) -> Image:
@@ -48,10 +51,19 @@ def wood(
     for _ in range(4):
         centre = rng.uniform(0, [width, height]).astype(int)
         radius = int(width * rng.uniform(0.012, 0.02))
-        ring = np.zeros((height, width), dtype=np.float32)
-        cv2.circle(ring, (int(centre[0]), int(centre[1])), radius, 1.0, max(radius // 8, 1))
-        out *= 1 - 0.13 * cv2.GaussianBlur(ring, (0, 0), 1.5)[..., None]
+        _stain(out, (int(centre[0]), int(centre[1])), radius)
     return _image(out)
+
+
+def _stain(out: np.ndarray, centre: tuple[int, int], radius: int) -> None:
+    """Darken [H, W, 3] floats along a soft ring, as a cup leaves it, in place."""
+    thickness, blur = max(radius // 8, 1), 1.5
+    reach = radius + thickness + ceil(BLUR_REACH * blur)  # all else stays as it is
+    left, top = (max(place - reach, 0) for place in centre)
+    part = out[top : centre[1] + reach + 1, left : centre[0] + reach + 1]
+    ring = np.zeros(part.shape[:2], dtype=np.float32)
+    cv2.circle(ring, (centre[0] - left, centre[1] - top), radius, 1.0, thickness)
+    part *= 1 - 0.13 * cv2.GaussianBlur(ring, (0, 0), blur)[..., None]
 
 
 def cutting_mat(rng: Generator, width_cm: int, depth_cm: int, density: int) -> Image:

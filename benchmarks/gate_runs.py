@@ -135,8 +135,8 @@ def timed_again(
 ) -> Row:
     """Train and measure one experiment again; return its row with the new speeds.
 
-    Scores stay: the same code comes to the same bits. At least ``fewest_seconds`` of rendering are
-    timed.
+    Scores stay: the same code comes to the same bits. At least ``fewest_seconds`` of renderings and
+    workloads are timed.
     """
     condition, training = trained(config, cell, scene, out)
     splats, laps = out / "splats.ply", list(training.laps)

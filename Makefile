@@ -15,7 +15,8 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install -qq --no-compile
 # the time that pip takes for them as a package's own.
 LIBRARIES = $(BIN)/python -c 'import tomllib; p = tomllib.load(open("pyproject.toml", "rb"))["project"]; \
   print(*p["dependencies"], *p["optional-dependencies"].get("$(1)", []), sep="\n")'
-INSTALL = $(call LIBRARIES,$(1)) > $(VENV)/libraries.txt; \
+INSTALL = echo 'make: installs the libraries (3 GB) and builds the engine, for some minutes'; \
+  $(call LIBRARIES,$(1)) > $(VENV)/libraries.txt || exit 1; \
   $(PIP) --no-deps --editable . & engine=$$!; \
   $(PIP) --requirement $(VENV)/libraries.txt; libraries=$$?; \
   wait $$engine && exit $$libraries
@@ -67,13 +68,11 @@ $(MODULES): | $(VENV)/bin/python
 	@touch $@
 
 $(VENV)/.installed: $(VENV)/bin/python $(BUILD_INPUTS) $(MODULES)
-	@echo 'make: installs the libraries (3 GB) and builds the engine, for some minutes'
 	@$(call INSTALL)
 	$(COMPILE)
 	@touch $@
 
 $(VENV)/.installed-dev: $(VENV)/bin/python $(BUILD_INPUTS) $(MODULES)
-	@echo 'make: installs the libraries (3 GB) and builds the engine, for some minutes'
 	@$(call INSTALL,dev)
 	$(COMPILE)
 	@touch $@ $(VENV)/.installed

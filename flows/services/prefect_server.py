@@ -120,7 +120,7 @@ def _copied(database: Path) -> bool:
 
 def _keep(database: Path) -> None:
     """Keep a database that nothing has been written to yet; without the right to, do nothing."""
-    with suppress(OSError, RuntimeError, sqlite3.Error):
+    with suppress(*user_cache.FAILURES):
         template = _template()
         template.parent.mkdir(parents=True, exist_ok=True)
         with (

@@ -5,9 +5,8 @@ Dask scheduler and two workers. Each worker has a folder of its own and, where t
 given, cannot even see the flow's folder or the other worker's. In the middle of a training one
 worker is lost, folder and all: the other goes on from the copy of its checkpoint. Prints who did
 which stage. Then a flow that has nothing yet asks for the same grid: nothing is trained again.
-With ``--calm`` a smaller grid runs once, and nobody is lost.
 
-    python benchmarks/two_machines.py [--folder DIR] [--calm]
+    python benchmarks/two_machines.py [--folder DIR]
 """
 
 import argparse
@@ -32,7 +31,7 @@ from flows.services.prefect_server import PrefectServer
 
 NAME = "two-machines"
 OPTIONS = ["--name", NAME, "--conditions", "nobg-3dgs,nobg-ours"]
-LONG, CALM = ["--iterations", "2000", "--seeds", "0,1"], ["--iterations", "20", "--seeds", "0"]
+OPTIONS += ["--iterations", "2000", "--seeds", "0,1"]
 WORKERS = ("worker-a", "worker-b")
 NAMES = ("flow", *WORKERS)
 START_SECONDS = 180.0
@@ -43,26 +42,18 @@ def main() -> None:
     """Run the grid twice and print what happened; exit code 1 when something is amiss."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--folder", type=Path, help="work here; by default a temporary folder")
-    parser.add_argument("--calm", action="store_true", help="a smaller grid, nobody is lost")
     options = parser.parse_args()
     folder = (options.folder or Path(tempfile.mkdtemp(prefix="mattgs-two-"))).resolve()
     _write_input(folder)
     with services(folder) as (scheduler, workers):
-        ok = calm(folder, scheduler) if options.calm else harmed(folder, scheduler, workers)
+        ok = run(folder, scheduler, workers)
     sys.exit(0 if ok else 1)
 
 
-def calm(folder: Path, scheduler: str) -> bool:
-    """Run a small grid; return whether all is well."""
-    code = _end(_start(folder, scheduler, CALM))
-    print(f"Grid of 2 experiments: exit {code}\n")
-    return code == 0 and _print_stages(folder, 2)
-
-
-def harmed(folder: Path, scheduler: str, workers: dict[str, psutil.Process]) -> bool:
-    """Lose a worker in the middle of a grid, then ask again from elsewhere; as :func:`calm`."""
+def run(folder: Path, scheduler: str, workers: dict[str, psutil.Process]) -> bool:
+    """Lose a worker amid a grid, then ask again from elsewhere; return whether all is well."""
     began = time.monotonic()
-    flow = _start(folder, scheduler, LONG)
+    flow = _start(folder, scheduler)
     lost = _lose(folder, workers[WORKERS[0]], flow)
     code = _end(flow)
     print(f"Grid of 4 experiments: exit {code}, {time.monotonic() - began:.0f} s\n")
@@ -70,7 +61,7 @@ def harmed(folder: Path, scheduler: str, workers: dict[str, psutil.Process]) -> 
     # another machine, that has nothing yet, asks for the same
     shutil.rmtree(folder / "flow" / "store")
     began = time.monotonic()
-    code = _end(_start(folder, scheduler, LONG))
+    code = _end(_start(folder, scheduler))
     again = json.loads(_rows_file(folder).read_text(encoding="utf-8"))
     print(f"\nAgain with an empty folder: exit {code}, {time.monotonic() - began:.0f} s,")
     trained = sum(len(list((folder / name).glob("logs/train-*.log"))) for name in NAMES)
@@ -91,14 +82,7 @@ def services(folder: Path) -> Iterator[tuple[str, dict[str, psutil.Process]]]:
     with ExitStack() as stack:
         server = PrefectServer(folder / "prefect", folder / "prefect.log")
         stack.callback(server.stop)
-        port = free_port()
-        tracking = f"http://127.0.0.1:{port}"
-        mlflow = [sys.executable, "-m", "mlflow", "server", "--workers", "1", "--port", str(port)]
-        mlflow += ["--backend-store-uri", f"sqlite:///{folder / 'mlflow.db'}"]
-        mlflow += ["--artifacts-destination", str(folder / "mlflow-artifacts")]
-        os.environ["MLFLOW_SERVER_ENABLE_JOB_EXECUTION"] = "false"
-        os.environ["MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR"] = "false"
-        stack.enter_context(_process(mlflow, folder))
+        tracking = stack.enter_context(mlflow_server(folder))
         os.environ |= stack.enter_context(object_store())
         address = f"tcp://127.0.0.1:{free_port()}"
         dask = [sys.executable, "-m", "dask"]
@@ -111,9 +95,9 @@ def services(folder: Path) -> Iterator[tuple[str, dict[str, psutil.Process]]]:
             worker = [*dask, "worker", address, "--nthreads", "1", "--no-dashboard"]
             worker += ["--resources", "train=1"]
             worker += ["--name", name, "--local-directory", str(folder / name / "dask")]
-            process = stack.enter_context(_process(_without(hidden, worker), folder / name))
-            workers[name] = psutil.Process(process)
-        _wait_for(f"{tracking}/health")
+            command = hiding(hidden, worker)
+            workers[name] = psutil.Process(stack.enter_context(_process(command, folder / name)))
+        wait_for(f"{tracking}/health")
         _wait_for_workers(address)
         yield address, workers
 
@@ -136,6 +120,19 @@ def _lose(folder: Path, worker: psutil.Process, flow: "subprocess.Popen[str]") -
                 return key
         time.sleep(0.2)
     return "none"
+
+
+@contextmanager
+def mlflow_server(folder: Path) -> Iterator[str]:
+    """Serve MLflow from a folder; yield its address, which may not answer yet."""
+    port = free_port()
+    command = [sys.executable, "-m", "mlflow", "server", "--workers", "1", "--port", str(port)]
+    command += ["--backend-store-uri", f"sqlite:///{folder / 'mlflow.db'}"]
+    command += ["--artifacts-destination", str(folder / "mlflow-artifacts")]
+    os.environ["MLFLOW_SERVER_ENABLE_JOB_EXECUTION"] = "false"
+    os.environ["MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR"] = "false"
+    with _process(command, folder):
+        yield f"http://127.0.0.1:{port}"
 
 
 @contextmanager
@@ -168,7 +165,7 @@ def free_port() -> int:
         return int(free.getsockname()[1])
 
 
-def _without(hidden: list[Path], command: list[str]) -> list[str]:
+def hiding(hidden: list[Path], command: list[str]) -> list[str]:
     """Return the command such that it sees empty folders in place of ``hidden``, if possible."""
     try:
         subprocess.run(["unshare", "--mount", "true"], check=True, capture_output=True)
@@ -193,7 +190,8 @@ def _process(command: list[str], folder: Path) -> Iterator[int]:
         process.wait()
 
 
-def _wait_for(url: str) -> None:
+def wait_for(url: str) -> None:
+    """Return once a server answers; raises :class:`OSError` when it takes too long."""
     end = time.monotonic() + START_SECONDS
     while True:
         try:
@@ -212,9 +210,9 @@ def _wait_for_workers(address: str) -> None:
         client.wait_for_workers(len(WORKERS), timeout=START_SECONDS)
 
 
-def _start(folder: Path, scheduler: str, size: list[str]) -> "subprocess.Popen[str]":
+def _start(folder: Path, scheduler: str) -> "subprocess.Popen[str]":
     command = [sys.executable, "-m", "flows.cli.app", "run", "--config", str(folder / "tiny.toml")]
-    command += [*OPTIONS, *size]
+    command += OPTIONS
     command += ["--dask-scheduler", scheduler, "--store", f"s3://{BUCKET}/store"]
     command += ["--out", str(folder / "flow")]
     environment = os.environ | {"TMPDIR": str(folder / "flow")}

@@ -11,9 +11,7 @@ is kept, still empty, in the user's cache folder, and later ones are copies of i
 
 import http.client
 import os
-import shutil
 import socket
-import sqlite3
 import subprocess
 import sys
 import threading
@@ -21,14 +19,12 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Callable
-from contextlib import closing, suppress
 from importlib.metadata import version
 from pathlib import Path
 
 from mattgs_ops.child_process import die_with_parent
 from mattgs_ops.errors import StageError
 from mattgs_ops.store import user_cache
-from mattgs_ops.whole_file import written_whole
 
 START_SECONDS = 180.0  # a fresh database takes up to 40 s on a busy machine
 POLL_SECONDS = 0.1
@@ -44,7 +40,8 @@ class PrefectServer:
         self._log = log
         self._stopping = False
         self._database = home / "prefect.db"
-        self._fresh = not self._database.exists() and not _copied(self._database)
+        copied = self._database.exists() or user_cache.copied_database(_kept(), self._database)
+        self._fresh = not copied
         self._address = home / "server.url"
         self._address.unlink(missing_ok=True)
         command = [sys.executable, "-P", "-m", "flows.services.prefect_server"]
@@ -68,7 +65,7 @@ class PrefectServer:
         url = self.address()
         self._wait_for(lambda: healthy(url))
         if self._fresh:
-            _keep(self._database)
+            user_cache.keep_database(_kept(), self._database)
 
     def follow(self, code: int) -> None:
         """End this process, at once and with ``code``, should the server end before :meth:`stop`.
@@ -103,32 +100,9 @@ class PrefectServer:
             self._process.wait()
 
 
-def _template() -> Path:
-    """Return where an empty database of the installed version is kept."""
-    return user_cache.folder() / f"prefect-{version('prefect')}.db"
-
-
-def _copied(database: Path) -> bool:
-    """Start from the kept database; False when there is none."""
-    try:
-        with written_whole(database) as partial:
-            shutil.copyfile(_template(), partial)
-    except (OSError, RuntimeError):  # a user without a home has none either
-        return False
-    return True
-
-
-def _keep(database: Path) -> None:
-    """Keep a database that nothing has been written to yet; without the right to, do nothing."""
-    with suppress(*user_cache.FAILURES):
-        template = _template()
-        template.parent.mkdir(parents=True, exist_ok=True)
-        with (
-            written_whole(template, by_many=True) as partial,
-            closing(sqlite3.connect(database)) as source,
-            closing(sqlite3.connect(partial)) as target,
-        ):
-            source.backup(target)
+def _kept() -> str:
+    """Return the name under which an empty database of the installed version is kept."""
+    return f"prefect-{version('prefect')}"
 
 
 def healthy(url: str) -> bool:

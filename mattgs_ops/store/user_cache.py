@@ -5,11 +5,14 @@
 
 import json
 import os
+import shutil
 import sqlite3
 from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any
+
+from mattgs_ops.whole_file import written_whole
 
 FAILURES = (OSError, RuntimeError, sqlite3.Error)  # a user without a home has no cache either
 PATIENCE_SECONDS = 1.0  # while another process writes
@@ -18,6 +21,32 @@ PATIENCE_SECONDS = 1.0  # while another process writes
 def folder() -> Path:
     """Return the cache folder, there or not; raises :class:`RuntimeError` without a home."""
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "mattgs"
+
+
+def copied_database(name: str, database: Path) -> bool:
+    """Start an SQLite file from the one kept under a name; False when there is none."""
+    try:
+        with written_whole(database) as partial:
+            shutil.copyfile(folder() / f"{name}.db", partial)
+    except FAILURES:
+        return False
+    return True
+
+
+def keep_database(name: str, database: Path, *, without: str = "") -> None:
+    """Keep a database that nothing has been written to yet; without the right to, do nothing.
+
+    ``without`` is SQL that removes from the kept one what holds in this place alone.
+    """
+    with suppress(*FAILURES):
+        folder().mkdir(parents=True, exist_ok=True)
+        with (
+            written_whole(folder() / f"{name}.db", by_many=True) as partial,
+            closing(sqlite3.connect(database)) as source,
+            closing(sqlite3.connect(partial)) as target,
+        ):
+            source.backup(target)
+            target.executescript(without)
 
 
 class KeptValues:

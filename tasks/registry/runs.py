@@ -9,18 +9,21 @@ logged again.
 
 A fresh SQLite database must be initialised once (:func:`initialise`) before several processes use
 it: concurrent first use would corrupt it for good. It is made beside its place, under a lock, and
-moved there when it is whole: whoever is killed meanwhile leaves nothing half made.
+moved there when it is whole: whoever is killed meanwhile leaves nothing half made. As making its
+tables takes seconds, an empty one is kept in the user's cache folder, and later ones are copies.
 """
 
 import fcntl
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from mattgs_ops.errors import InputError
 from mattgs_ops.naming import checked_row
+from mattgs_ops.store import user_cache
 from mattgs_ops.whole_file import written_whole
 from tasks.registry import interface_view, run_of_row
 from tasks.registry.content import values
@@ -31,6 +34,7 @@ from tasks.registry.run_of_row import IDENTITY, RECORDED_TAG, ROW_FILE, ROW_TAG,
 CONFIG_FILE = "config.json"
 SQLITE = "sqlite:///"
 NOTHING = About()
+PLACE = "DELETE FROM experiments"  # MLflow's default one, which it makes anew where there is none
 
 
 def initialise(tracking_uri: str) -> None:
@@ -59,7 +63,11 @@ def _made_database(file: Path) -> Iterator[None]:
         if not file.exists():
             with written_whole(file, by_many=True) as partial:
                 partial.unlink(missing_ok=True)
+                kept = f"mlflow-{version('mlflow')}"
+                known = user_cache.copied_database(kept, partial)
                 _client(f"{SQLITE}{partial}").search_experiments(max_results=1)
+                if not known:
+                    user_cache.keep_database(kept, partial, without=PLACE)
         yield
 
 

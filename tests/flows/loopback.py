@@ -10,10 +10,10 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
-from benchmarks.two_machines import free_port
+from benchmarks.two_machines import free_port, hiding
 from flows.services.dask_cluster import CERTIFICATES
 
-TRAININGS = 2  # that the worker would do at a time
+WORKERS = ("worker-a", "worker-b")
 
 
 @contextmanager
@@ -37,8 +37,14 @@ def webhook() -> Iterator[tuple[str, list[dict[str, Any]]]]:
 
 
 @contextmanager
-def dask_over_tls(folder: Path, certificates: Path, environment: dict[str, str]) -> Iterator[str]:
-    """Run Dask's own commands, as docs/operations.md has them."""
+def dask_over_tls(
+    folder: Path, certificates: Path, environment: dict[str, str], hidden: list[Path]
+) -> Iterator[str]:
+    """Run Dask's own commands, as docs/operations.md has them, with two workers.
+
+    Each has a folder of its own below ``folder`` and, where the right to mount is given, sees
+    empty folders in place of the other's and of ``hidden``.
+    """
     address = f"tls://127.0.0.1:{free_port()}"
     tls = [
         word
@@ -48,16 +54,24 @@ def dask_over_tls(folder: Path, certificates: Path, environment: dict[str, str])
     dask = [sys.executable, "-m", "dask"]
     scheduler = ["scheduler", "--host", "127.0.0.1", "--port", address.rpartition(":")[2]]
     scheduler += ["--protocol", "tls", "--dashboard-address", "127.0.0.1:0"]
-    worker = ["worker", address, "--nthreads", "2", "--resources", f"train={TRAININGS}"]
-    worker += ["--no-dashboard", "--death-timeout", "120", "--local-directory", str(folder)]
-    commands = [[*dask, *scheduler, *tls], [*dask, *worker, *tls]]
+    worker = ["worker", address, "--nthreads", "1", "--resources", "train=1"]
+    worker += ["--no-dashboard", "--death-timeout", "120"]
+    commands = [([*dask, *scheduler, *tls], environment)]
+    places = {name: folder / name for name in WORKERS}
+    for place in places.values():
+        place.mkdir()
+    for name, own in places.items():
+        others = [*hidden, *(place for place in places.values() if place != own)]
+        named = ["--name", name, "--local-directory", str(own / "dask")]
+        more = {"MATTGS_WORK": str(own), "TMPDIR": str(own)}
+        commands += [(hiding(others, [*dask, *worker, *named, *tls]), environment | more)]
     with (folder / "dask.log").open("ab") as log:
         processes = [
-            subprocess.Popen(command, env=environment, cwd=folder, stdout=log, stderr=log)
-            for command in commands
+            subprocess.Popen(command, env=variables, cwd=folder, stdout=log, stderr=log)
+            for command, variables in commands
         ]
     try:
-        wait_for_worker(address, certificates)
+        wait_for_workers(address, certificates)
         yield address
     finally:
         for process in reversed(processes):
@@ -65,11 +79,11 @@ def dask_over_tls(folder: Path, certificates: Path, environment: dict[str, str])
             process.wait()
 
 
-def wait_for_worker(address: str, certificates: Path) -> None:
+def wait_for_workers(address: str, certificates: Path) -> None:
     from distributed import Client
     from distributed.security import Security
 
     ca, cert, key = (str(certificates / file) for file in CERTIFICATES.values())
     security = Security(tls_ca_file=ca, tls_client_cert=cert, tls_client_key=key)
     with Client(address, security=security, timeout=120, set_as_default=False) as client:
-        client.wait_for_workers(1, timeout=120)
+        client.wait_for_workers(len(WORKERS), timeout=120)

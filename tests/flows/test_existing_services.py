@@ -1,8 +1,10 @@
-"""A benchmark on services that somebody else runs: Prefect by a profile, Dask over TLS, a webhook.
+"""A benchmark on services that somebody else runs, whose workers share nothing but these.
 
-All of them are real and on loopback. Most of the grid fails: one capture has two photos only,
-another is noise, so that no view can be placed; on the third one method diverges at its first step.
-Branches that fail never stop the others: rows say why, tables show holes, the exit code tells.
+Prefect by a profile, Dask over TLS, an S3 store, an MLflow server, a webhook; all of them are real
+and on loopback. Two workers have a folder each, and see neither the other's nor the flow's. Most of
+the grid fails: one capture has two photos only, another is noise, so that no view can be placed; on
+the third one method diverges at its first step. Branches that fail never stop the others: rows say
+why, tables show holes, the exit code tells.
 """
 
 import itertools
@@ -28,8 +30,9 @@ from prefect.client.schemas.objects import FlowRun, TaskRun
 from prefect.settings import PREFECT_API_URL, temporary_settings
 
 from benchmarks import tiny
+from benchmarks.two_machines import BUCKET, mlflow_server, object_store, wait_for
 from reports.tables.tables import HOLE
-from tests.flows.loopback import dask_over_tls, webhook
+from tests.flows.loopback import WORKERS, dask_over_tls, webhook
 
 pytestmark = pytest.mark.slow
 
@@ -78,21 +81,28 @@ def ran(
     config = tiny.write(folder)
     config.write_text(config.read_text() + MORE)
     write_bad_captures(folder)
+    (folder / "out").mkdir()
     profiles = folder / "home" / ".prefect" / "profiles.toml"
     profiles.parent.mkdir(parents=True)
     profiles.write_text(f'active = "lab"\n[profiles.lab]\nPREFECT_API_URL = "{prefect_api}"\n')
     kept = {key: value for key, value in os.environ.items() if not key.startswith("PREFECT_")}
-    environment = kept | {"HOME": str(folder / "home"), "TMPDIR": str(folder)}
+    environment = kept | {"HOME": str(folder / "home"), "TMPDIR": str(folder / "out")}
     with ExitStack() as stack:
+        tracking = stack.enter_context(mlflow_server(folder))
+        environment |= {"MLFLOW_TRACKING_URI": tracking}
+        environment |= stack.enter_context(object_store())
         stack.enter_context(temporary_settings({PREFECT_API_URL: prefect_api}))
         client = stack.enter_context(get_client(sync_client=True))
         limit = GlobalConcurrencyLimitCreate(name="tag:stage:train", limit=1)
         client.create_global_concurrency_limit(limit)
         address, posts = stack.enter_context(webhook())
-        scheduler = stack.enter_context(dask_over_tls(folder, certificates, environment))
+        hidden = [folder / name for name in ("out", "photos", "noise", "pair")]
+        scheduler = stack.enter_context(dask_over_tls(folder, certificates, environment, hidden))
+        wait_for(f"{tracking}/health")
         command = [sys.executable, "-m", "flows.cli.app", "run", "--config", str(config)]
         command += ["--conditions", ",".join(CONDITIONS), "--out", str(folder / "out")]
         command += ["--dask-scheduler", scheduler, "--dask-certificates", str(certificates)]
+        command += ["--store", f"s3://{BUCKET}/store"]
         command += ["--notify", f"{address}/secret"]
         done = subprocess.run(
             command, env=environment, capture_output=True, text=True, timeout=TIMEOUT, check=False
@@ -214,6 +224,17 @@ def test_each_experiment_has_a_row_that_says_how_it_ended(ran: Ran) -> None:
     for cell, reason in REASONS.items():
         assert by_cell[cell]["status"] == "failed"
         assert reason in by_cell[cell]["reason"]
+
+
+def test_each_worker_has_trained_and_what_it_made_came_through_the_store(ran: Ran) -> None:
+    trained = {name: len(list((ran.folder / name).glob("logs/train-*.log"))) for name in WORKERS}
+    assert min(trained.values()) > 0, trained
+    assert not list((ran.folder / "out").glob("logs/train-*")), "the flow's machine has not"
+    rows = json.loads((ran.folder / "out/benchmarks/tiny/rows.json").read_text())
+    finished = [row for row in rows if row["status"] == "finished"]
+    for row in finished:
+        splats = ran.folder / "out" / "store" / row["artifacts"]["train"] / "splats.ply"
+        assert splats.is_file()
 
 
 def test_tables_show_holes_where_an_experiment_failed(ran: Ran) -> None:

@@ -85,16 +85,3 @@ def test_a_server_serves_and_dies_with_its_owner_and_the_next_starts_from_its_ta
         assert healthy(second.address())
     finally:
         second.stop()
-
-
-def test_without_a_cache_folder_nothing_is_lost(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from flows.services.prefect_server import _copied, _keep
-
-    (tmp_path / "file").write_text("")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    sqlite3.connect(tmp_path / "prefect.db").close()
-    _keep(tmp_path / "prefect.db")
-    assert not _copied(tmp_path / "new.db")
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "prefect.db"]

@@ -1,5 +1,7 @@
 """What is kept in the user's cache is there for the next process, and never needed."""
 
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -36,6 +38,40 @@ def test_without_a_folder_nothing_is_kept(cache: Path) -> None:
     cache.parent.write_text("a file")
     KeptValues("some").keep("one", 1)
     assert KeptValues("some").find("one") is None
+
+
+def made(path: Path) -> Path:
+    with closing(sqlite3.connect(path)) as database:
+        database.executescript("CREATE TABLE things (place); INSERT INTO things VALUES ('here')")
+    return path
+
+
+def things(path: Path) -> list[str]:
+    with closing(sqlite3.connect(path)) as database:
+        return [place for (place,) in database.execute("SELECT place FROM things")]
+
+
+def test_a_database_starts_as_a_copy_of_the_one_kept_under_its_name(
+    cache: Path, tmp_path: Path
+) -> None:
+    first = made(tmp_path / "first.db")
+    assert not user_cache.copied_database("whole", tmp_path / "other.db")
+    user_cache.keep_database("whole", first)
+    user_cache.keep_database("emptied", first, without="DELETE FROM things")
+    for name, holds in (("whole", ["here"]), ("emptied", [])):
+        assert user_cache.copied_database(name, tmp_path / f"{name}.db")
+        assert things(tmp_path / f"{name}.db") == holds
+    assert things(first) == ["here"]
+    assert sorted(path.name for path in cache.iterdir()) == ["emptied.db", "whole.db"]
+
+
+def test_without_a_folder_no_database_is_kept_and_nothing_is_lost(
+    cache: Path, tmp_path: Path
+) -> None:
+    cache.parent.write_text("a file")
+    user_cache.keep_database("it", made(tmp_path / "it.db"))
+    assert not user_cache.copied_database("it", tmp_path / "new.db")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["cache", "it.db"]
 
 
 def test_a_source_is_parsed_once_for_all_processes_and_again_when_it_says_something_else(

@@ -1,12 +1,10 @@
 """Rows in MLflow: nothing lost, nothing twice, readable back as it was."""
 
-import fcntl
 import json
 import os
 import subprocess
 import sys
 import tempfile
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +12,6 @@ import pytest
 
 from mattgs_ops.errors import InputError
 from tasks.registry import run_of_row, runs, summary
-from tests.tasks.waiting import wait_for
 
 PROCESSES, ROWS_EACH = 3, 4
 
@@ -53,38 +50,6 @@ def client(uri: str) -> Any:
     from mlflow.tracking import MlflowClient
 
     return MlflowClient(tracking_uri=uri)
-
-
-def test_a_database_is_whole_or_not_there_and_a_broken_one_is_told(tmp_path: Path) -> None:
-    """Many begin at once; one is killed while it makes the tables."""
-    uri = f"sqlite:///{tmp_path / 'mlflow.db'}"
-    code = f"from tasks.registry import runs; runs.initialise({uri!r})"
-    first = subprocess.Popen([sys.executable, "-c", code])
-    wait_for(lambda: list(tmp_path.glob("mlflow.db.*.part")))
-    first.kill()
-    first.wait()
-    assert not (tmp_path / "mlflow.db").exists()
-    others = [subprocess.Popen([sys.executable, "-c", code]) for _ in range(2)]
-    assert [one.wait() for one in others] == [0, 0]
-    assert client(uri).search_experiments()
-    (tmp_path / "broken.db").write_bytes(b"no database" * 100)
-    with pytest.raises(InputError, match="cannot be used"):
-        runs.initialise(f"sqlite:///{tmp_path / 'broken.db'}")
-
-
-def test_a_database_that_was_broken_off_is_removed_unless_somebody_makes_it(tmp_path: Path) -> None:
-    left = [tmp_path / f"mlflow.db.4711.part{tail}" for tail in ("", "-journal")]
-    for path in left:
-        path.touch()
-    with (tmp_path / "mlflow.db.lock").open("w") as lock, ThreadPoolExecutor(1) as other:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        made = other.submit(runs.initialise, f"sqlite:///{tmp_path / 'mlflow.db'}")
-        with pytest.raises(TimeoutError):
-            made.result(0.5)
-        assert all(path.exists() for path in left)
-        fcntl.flock(lock, fcntl.LOCK_UN)
-        made.result()
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["mlflow.db", "mlflow.db.lock"]
 
 
 def test_a_row_becomes_a_run_that_says_everything(place: tuple[str, Path], tmp_path: Path) -> None:

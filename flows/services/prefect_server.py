@@ -25,6 +25,7 @@ from pathlib import Path
 from mattgs_ops.child_process import die_with_parent
 from mattgs_ops.errors import StageError
 from mattgs_ops.store import user_cache
+from mattgs_ops.whole_file import written_whole
 
 START_SECONDS = 180.0  # a fresh database takes up to 40 s on a busy machine
 POLL_SECONDS = 0.1

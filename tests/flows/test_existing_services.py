@@ -23,6 +23,7 @@ from urllib.request import urlopen
 import numpy as np
 import pytest
 from PIL import Image
+from prefect import flow
 from prefect.client.orchestration import SyncPrefectClient, get_client
 from prefect.client.schemas.actions import GlobalConcurrencyLimitCreate
 from prefect.client.schemas.filters import LogFilter, LogFilterFlowRunId, LogFilterTaskRunId
@@ -31,6 +32,7 @@ from prefect.settings import PREFECT_API_URL, temporary_settings
 
 from benchmarks import tiny
 from benchmarks.two_machines import BUCKET, mlflow_server, object_store, wait_for
+from flows.prefect_ui import artifacts
 from reports.tables.tables import HOLE
 from tests.flows.loopback import WORKERS, dask_over_tls, webhook
 
@@ -196,13 +198,32 @@ def test_the_dashboard_of_dask_is_printed_and_an_artifact_that_opens(ran: Ran) -
         assert page.status == 200
 
 
+def published(ran: Ran, key: str) -> str:
+    (artifact,) = [one for one in ran.client.read_artifacts() if one.key == key]
+    assert artifact.type == "markdown"
+    return str(artifact.data)
+
+
+def test_the_artifact_of_the_report_leads_to_its_page_in_mlflow(ran: Ran) -> None:
+    link = re.fullmatch(r"\[Report of tiny\]\((.+)\)", published(ran, "report-tiny"))
+    assert link is not None
+    server, _, page = link[1].partition("/#/")
+    found = re.fullmatch(r"experiments/\d+/runs/(\w+)/artifacts/(report/report\.html)", page)
+    assert found is not None
+    run, path = found.groups()
+    with urlopen(f"{server}/get-artifact?run_uuid={run}&path={path}", timeout=20) as served:
+        assert served.read() == (ran.folder / "out/benchmarks/tiny/report.html").read_bytes()
+
+
 def test_without_a_server_for_reports_the_artifact_names_the_file_and_has_no_dead_link(
     ran: Ran,
 ) -> None:
-    (artifact,) = [one for one in ran.client.read_artifacts() if one.key == "report-tiny"]
-    assert artifact.type == "markdown"
-    assert str(ran.folder / "out" / "benchmarks" / "tiny" / "report.html") in str(artifact.data)
-    assert "file://" not in str(artifact.data)
+    report = ran.folder / "report.html"
+    flow(artifacts.publish_results)("unserved", [], report, None)
+    text = published(ran, "report-unserved")
+    assert str(report) in text
+    assert "file://" not in text
+    assert "](" not in text
 
 
 def test_a_failed_run_sends_one_message(ran: Ran) -> None:

@@ -11,14 +11,23 @@ BUILD_INPUTS := pyproject.toml CMakeLists.txt $(KERNELS)
 # the editable installation lists the modules: it is made anew when one was added, moved or removed
 MODULES := $(VENV)/.modules-$(shell find mattgs_ops tasks flows reports -name '*.py' | LC_ALL=C sort | cksum | cut -d' ' -f1)
 PIP := $(BIN)/python -m pip --disable-pip-version-check install -qq --no-compile
-# $(call INSTALL,EXTRA): the engine is built while pip fetches the libraries. Named one by one they are resolved in a third of
-# the time that pip takes for them as a package's own.
+# $(call INSTALL,EXTRA): the engine is built meanwhile. Named one by one the libraries are resolved in a third of the time that
+# pip takes for them as a package's own. pip chooses the files, by its settings; uv, which unpacks many at a time, installs
+# just those; where it cannot, pip does.
 LIBRARIES = $(BIN)/python -c 'import tomllib; p = tomllib.load(open("pyproject.toml", "rb"))["project"]; \
   print(*p["dependencies"], *p["optional-dependencies"].get("$(1)", []), sep="\n")'
+CHOSEN = $(BIN)/python -c 'import json; found = json.load(open("$(VENV)/chosen.json", "rb"))["install"]; \
+  form = "{0[metadata][name]} @ {0[download_info][url]} --hash=sha256:{0[download_info][archive_info][hashes][sha256]}"; \
+  print(*map(form.format, found), sep="\n")'
+UNPACK = $(PIP) --dry-run --report $(VENV)/chosen.json --requirement $(VENV)/libraries.txt && \
+  $(CHOSEN) > $(VENV)/chosen.txt && \
+  UV_CACHE_DIR=$(VENV)/unpacked $(BIN)/python -m uv pip install --quiet --python $(BIN)/python --no-deps --require-hashes \
+    --requirement $(VENV)/chosen.txt
 INSTALL = echo 'make: installs the libraries (3 GB) and builds the engine, for some minutes'; \
   $(call LIBRARIES,$(1)) > $(VENV)/libraries.txt || exit 1; \
   $(PIP) --no-deps --editable . & engine=$$!; \
-  $(PIP) --requirement $(VENV)/libraries.txt; libraries=$$?; \
+  { $(UNPACK); } || { echo 'make: uv could not install them, pip goes on'; $(PIP) --requirement $(VENV)/libraries.txt; }; \
+  libraries=$$?; rm -rf $(VENV)/unpacked; \
   wait $$engine && exit $$libraries
 # on all cores, where pip would take one; not the libraries' own tests, some of which are of another Python's syntax, nor the
 # large libraries of which next to nothing is imported; our own modules, too, as the environment may forbid to do it later
@@ -61,7 +70,7 @@ $(VENV)/bin/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' || \
 	  { echo "make: Python 3.11 is needed, found $$($(PYTHON) --version); set PYTHON=/path/to/python3.11"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
-	@$(PIP) --upgrade 'pip>=25.3' || echo "make: pip was not upgraded; an older one can take minutes longer"
+	@$(PIP) --upgrade 'pip>=25.3' 'uv>=0.9' || echo "make: pip was not upgraded, uv not installed: all takes minutes longer"
 
 $(MODULES): | $(VENV)/bin/python
 	@rm -f $(VENV)/.modules-*

@@ -6,6 +6,7 @@ docs/engine.md has a table of what is taken and what is refused.
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import wraps
 from typing import Any, ParamSpec, TypeVar, cast
 
 import torch
@@ -22,9 +23,19 @@ Result = TypeVar("Result")
 
 
 def _not_compiled(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """Have ``torch.compile`` call a function as it is, which cannot see into the engine."""
-    as_it_is = torch.compiler.disable(function)  # type: ignore[no-untyped-call]  # so in torch
-    return cast("Callable[Arguments, Result]", as_it_is)
+    """Have ``torch.compile`` call a function as it is, which cannot see into the engine.
+
+    What says so to torch imports its compiler, for seconds: only what is compiled waits for it.
+    """
+
+    @wraps(function)
+    def called(*arguments: Arguments.args, **named: Arguments.kwargs) -> Result:
+        if torch.compiler.is_compiling():
+            as_it_is = torch.compiler.disable(function)  # type: ignore[no-untyped-call]
+            return cast("Result", as_it_is(*arguments, **named))
+        return function(*arguments, **named)
+
+    return called
 
 
 @_not_compiled

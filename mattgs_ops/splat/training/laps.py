@@ -5,12 +5,15 @@ changes on the way. Lap k of one training compares with lap k of another, each r
 machine's speed at its own moments; the spread of these ratios says how far to trust them.
 """
 
+import math
+
 import numpy as np
 
 from mattgs_ops.timing.calibration import Pairs, undisturbed
 
 LAPS = 8
-PIECE_SECONDS = 0.01  # of training between two workloads: ten times what one takes
+PIECE_WORKLOADS = 10  # a piece of training between two workloads lasts this many times the fastest
+FIRST_SECONDS = 0.01  # of training before the first workload: what ten take on a recent core
 MOST_PIECES = 32  # in a lap: longer trainings need no more of them
 
 
@@ -27,6 +30,7 @@ class Laps:
         self._pairs, self._steps = Pairs(), 0
         self._pieces: list[int] = []  # steps of each of this lap's, the latest pairs
         self._seconds = self._piece = 0.0
+        self._fastest = math.inf
         self.rows: list[dict[str, float]] = []
 
     def add(self, step: int, seconds: float) -> None:
@@ -35,8 +39,10 @@ class Laps:
         self._piece += seconds
         self._steps += 1
         ended = step in self._ends
-        if ended or (self._piece >= PIECE_SECONDS and self._steps >= self._fewest):
-            self._pairs.add(self._piece)
+        known = self._fastest < math.inf
+        least = PIECE_WORKLOADS * self._fastest if known else FIRST_SECONDS
+        if ended or (self._piece >= least and self._steps >= self._fewest):
+            self._fastest = min(self._fastest, self._pairs.add(self._piece))
             self._pieces.append(self._steps)
             self._piece, self._steps = 0.0, 0
         if ended:
@@ -44,7 +50,7 @@ class Laps:
 
     def fastest_workload(self) -> float:
         """Return the seconds of the fastest workload so far, infinite before the first one."""
-        return float(self._pairs.seconds()[1].min(initial=np.inf))
+        return self._fastest
 
     def _close(self) -> None:
         steps = np.array(self._pieces)

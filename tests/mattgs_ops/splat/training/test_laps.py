@@ -6,9 +6,16 @@ import numpy as np
 import pytest
 
 from mattgs_ops.splat.training import laps
-from mattgs_ops.splat.training.laps import LAPS, MOST_PIECES, PIECE_SECONDS, Laps
+from mattgs_ops.splat.training.laps import (
+    FIRST_SECONDS,
+    LAPS,
+    MOST_PIECES,
+    PIECE_WORKLOADS,
+    Laps,
+)
 
 WORKLOAD = 0.002
+PIECE = PIECE_WORKLOADS * WORKLOAD
 
 
 class FakePairs:
@@ -20,10 +27,11 @@ class FakePairs:
     def __init__(self) -> None:
         self.pairs: list[tuple[float, float]] = []
 
-    def add(self, seconds: float) -> None:
+    def add(self, seconds: float) -> float:
         FakePairs.made += 1
         given = WORKLOAD if FakePairs.workloads is None else next(FakePairs.workloads)
         self.pairs.append((seconds, given))
+        return given
 
     def seconds(self) -> np.ndarray:
         return np.array(self.pairs, dtype=np.float64).reshape(-1, 2).T
@@ -49,7 +57,7 @@ def test_the_fastest_workload_is_of_all_laps(monkeypatch: pytest.MonkeyPatch) ->
     found = Laps(3 * LAPS)
     assert found.fastest_workload() == np.inf
     for step in range(1, 3 * LAPS + 1):
-        found.add(step, PIECE_SECONDS)
+        found.add(step, 2 * PIECE)
     assert found.fastest_workload() == WORKLOAD
 
 
@@ -68,19 +76,31 @@ def test_a_moment_that_hit_the_workload_alone_changes_nothing(
     monkeypatch.setattr(FakePairs, "workloads", iter(taken))
     found = Laps(5 * LAPS)
     for step in range(1, 5 * LAPS + 1):
-        found.add(step, 2 * PIECE_SECONDS)
+        found.add(step, 2 * PIECE)
     assert [row["calibration"] for row in found.rows] == pytest.approx([WORKLOAD] * LAPS)
+
+
+def test_workloads_take_a_tenth_of_the_time_whatever_one_takes_here(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    slow = 3 * WORKLOAD
+    monkeypatch.setattr(FakePairs, "workloads", iter([slow] * 1000))
+    found, step_seconds, steps = Laps(800), FIRST_SECONDS, 800
+    for step in range(1, steps + 1):
+        found.add(step, step_seconds)
+    least, most = (steps * step_seconds / (PIECE_WORKLOADS * slow) + k for k in (0, 2 * LAPS))
+    assert least <= FakePairs.made <= most
 
 
 def test_short_steps_share_a_workload_and_long_trainings_do_not_pay_for_it() -> None:
     short = Laps(8)
     for step in range(1, 9):
-        short.add(step, 0.1 * PIECE_SECONDS)
+        short.add(step, 0.1 * PIECE)
     assert FakePairs.made == LAPS
     FakePairs.made = 0
     long = Laps(100_000)
     for step in range(1, 100_001):
-        long.add(step, 2 * PIECE_SECONDS)
+        long.add(step, 2 * PIECE)
     assert FakePairs.made <= LAPS * (MOST_PIECES + 1)
 
 

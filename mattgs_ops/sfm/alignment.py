@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from skimage.transform import SimilarityTransform
 
 from mattgs_ops.capture.camera import Camera
 from mattgs_ops.errors import InputError
@@ -66,6 +65,8 @@ def similarity(source: Array, target: Array) -> Similarity:
         spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
         if spread[1] <= ON_A_LINE * max(spread[0], np.finfo(np.float64).tiny):
             raise InputError("alignment: expected points that are not all on one line")
+    from skimage.transform import SimilarityTransform  # half of what starting COLMAP's process took
+
     found = SimilarityTransform.from_estimate(source, target)
     scale = float(found.scale)
     return Similarity(scale, found.params[:3, :3] / scale, found.params[:3, 3])

@@ -204,7 +204,7 @@ class _TracedSet:
                 for (material, part, own), meshes in source.pieces.items():
                     for mesh in meshes:
                         stage.add(mesh.transformed(matrix), material, part, own=own)
-            self._still = Tracer(stage, self.ground.light)
+            self._still = Tracer(stage, self.ground.light, self._still)
         if self.ground.flash:
             self._still.move_lamp(FLASH, pose[:3, 3] + LAMP_ABOVE * pose[:3, 1])
         return self._still

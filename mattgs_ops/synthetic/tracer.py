@@ -80,9 +80,13 @@ def _find_llvm() -> bool:
 
 
 class Tracer:
-    """A stage loaded into Mitsuba."""
+    """A stage loaded into Mitsuba.
 
-    def __init__(self, stage: Stage, light: dict[str, Any]) -> None:
+    Surfaces that another tracer has ``loaded`` already are taken from there: preparing their
+    images is half of the work.
+    """
+
+    def __init__(self, stage: Stage, light: dict[str, Any], loaded: "Tracer | None" = None) -> None:
         import mitsuba as mi
 
         self.sheets = pack(stage)
@@ -95,9 +99,17 @@ class Tracer:
                 entries[f"a{k:04d}"] = {
                     "type": "ply",
                     "filename": str(path),
-                    "bsdf": _surface(sheet),
+                    "bsdf": (loaded and loaded._surface_of(sheet)) or _surface(sheet),
                 }
             self.scene = mi.load_dict(entries | light)
+
+    def _surface_of(self, wanted: Sheet) -> Any:
+        """Return the loaded surface of a sheet that looks the same; None where there is none."""
+        surfaces = {shape.id(): shape.bsdf() for shape in self.scene.shapes()}
+        for k, sheet in enumerate(self.sheets):
+            if sheet.finish == wanted.finish and np.array_equal(sheet.image, wanted.image):
+                return surfaces[f"a{k:04d}"]
+        return None
 
     def move_lamp(self, name: str, place: Array) -> None:
         """Move a point light of the stage to ``place`` [3]."""

@@ -65,21 +65,23 @@ def cast(
     faces: list[tuple[int, float, np.ndarray | None]] = [(2, 0.0, None)]
     faces += [(a, centre[a] + s * HALF[a], HALF) for a in range(3) for s in (-1, 1)]
     for texture, (axis, level, half) in zip(textures, faces, strict=True):
+        middle = np.zeros(3) if half is None else centre
+        if half is not None and (origin[axis] - level) * (level - centre[axis]) <= 0:
+            continue  # the box itself hides this side
+        extent = np.full(3, 2.5) if half is None else half
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = (level - origin[axis]) / rays[..., axis]
-        hit = origin + distance[..., None] * rays
-        extent = np.full(3, 2.5) if half is None else half
-        others = [a for a in range(3) if a != axis]
-        middle = np.zeros(3) if half is None else centre
         ok = (distance > 0) & (distance < nearest)
-        for a in others:
-            ok &= np.abs(hit[..., a] - middle[a]) <= extent[a]
+        others = [a for a in range(3) if a != axis]
+        hit = [origin[a] + distance[ok] * rays[..., a][ok] - middle[a] for a in others]
+        here = np.logical_and(*(np.abs(h) <= extent[a] for h, a in zip(hit, others, strict=True)))
+        ok[ok] = here
         scale = texture.shape[0] / (5.0 if half is None else 1.0)
-        cells = [
-            np.clip((hit[ok][:, a] - middle[a] + extent[a]) * scale, 0, texture.shape[0] - 1)
-            for a in others
-        ]
-        image[ok] = texture[cells[0].astype(int), cells[1].astype(int)]
+        rows, columns = (
+            np.clip((h[here] + extent[a]) * scale, 0, texture.shape[0] - 1).astype(int)
+            for h, a in zip(hit, others, strict=True)
+        )
+        image[ok] = texture[rows, columns]
         nearest[ok] = distance[ok]
         mask[ok] = 0 if half is None else 255
     small = cv2.resize(image, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)

@@ -5,6 +5,8 @@ fresh colours, scales and positions for every surface gives endless variety at n
 """
 
 from collections.abc import Callable
+from functools import lru_cache
+from itertools import chain
 from typing import Any
 
 import cv2
@@ -115,10 +117,12 @@ def fur(rng: np.random.Generator) -> Pattern:
     """Draw short strokes along a slowly turning direction: hair, grass, carpet, cloth."""
     sheet = fractal(rng, 0.5)
     turn = fractal(rng, 0.3).astype(np.float32) / 255 * rng.uniform(0.5, 4) * np.pi
-    for x, y in rng.integers(0, SIZE, (900, 2)):
-        length, angle = rng.uniform(4, 12), turn[y, x]
-        end = (int(x + length * np.cos(angle)), int(y + length * np.sin(angle)))
-        cv2.line(sheet, (int(x), int(y)), end, int(rng.integers(0, 256)), 1)
+    places = rng.integers(0, SIZE, (900, 2))
+    angles = turn[places[:, 1], places[:, 0]]
+    for (x, y), right, down in zip(places.tolist(), np.cos(angles), np.sin(angles), strict=True):
+        length = rng.uniform(4, 12)
+        end = (int(x + float(length * right)), int(y + float(length * down)))
+        cv2.line(sheet, (x, y), end, int(rng.integers(0, 256)), 1)
     return np.asarray(cv2.GaussianBlur(sheet, (3, 3), 0), dtype=np.uint8)
 
 
@@ -176,16 +180,23 @@ class Bank:
     """Patterns by use: ``object``, ``desk``, ``sheet``, ``wall``, ``folds``; made from a seed."""
 
     def __init__(self, seed: int, per_maker: int = 3) -> None:
-        rng = np.random.default_rng(seed)
-        self.patterns = {
-            use: [maker(rng) for maker in makers for _ in range(per_maker)]
-            for use, makers in _MAKERS.items()
-        }
-        brushed = [fractal(rng, 0.9, 32) for _ in range(per_maker)]
-        self.patterns["object"] += brushed
-        self.patterns["folds"] = [fractal(rng, 0.35, 1 + k % 3) for k in range(2 * per_maker)]
+        self.patterns = _drawn(seed, per_maker)
 
     def pick(self, rng: np.random.Generator, use: str) -> Pattern:
         """Return a random pattern for a use."""
         patterns = self.patterns[use]
         return patterns[int(rng.integers(len(patterns)))]
+
+
+@lru_cache(maxsize=2)  # those to train on and those to validate with are often of one seed
+def _drawn(seed: int, per_maker: int) -> dict[str, tuple[Pattern, ...]]:
+    rng = np.random.default_rng(seed)
+    patterns = {
+        use: [maker(rng) for maker in makers for _ in range(per_maker)]
+        for use, makers in _MAKERS.items()
+    }
+    patterns["object"] += [fractal(rng, 0.9, 32) for _ in range(per_maker)]
+    patterns["folds"] = [fractal(rng, 0.35, 1 + k % 3) for k in range(2 * per_maker)]
+    for pattern in chain.from_iterable(patterns.values()):
+        pattern.flags.writeable = False  # every bank of this seed has them
+    return {use: tuple(some) for use, some in patterns.items()}

@@ -8,6 +8,7 @@ normals, because edges without a highlight are what gives a rendering away.
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
@@ -83,19 +84,25 @@ def box(width: float, depth: float, height: float, bevel: float = 0.05) -> Mesh:
     """Return a box standing on z = 0 with bevelled edges."""
     half = np.array([width, depth, height]) / 2
     bevel = min(bevel, 0.45 * float(half.min()))
-    vertices: list[Array] = []
-    normals: list[Array] = []
-    index: dict[tuple[tuple[int, int, int], int], int] = {}
+    signs, axes, faces = _box_topology()
+    faced = np.arange(3) == axes[:, None]
+    points = np.where(faced, signs * half, signs * (half - bevel))
+    directions = np.where(faced, signs, 0.0)
+    ordered = wind(points, directions, faces)
+    uvs = (points[:, :2] / half[:2] + 1) / 2 * [1, -1] + [0, 1]
+    return Mesh(points, directions, uvs, ordered).at(0, 0, height / 2)
+
+
+@cache
+def _box_topology() -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
+    """Return a bevelled box's corners [24, 3] as signs, the axis each faces [24], faces [44, 3].
+
+    Every corner is there three times, once for each side that meets there.
+    """
     signs = [(i, j, k) for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]
-    for sign in signs:
-        for axis in range(3):
-            normal = np.zeros(3)
-            normal[axis] = sign[axis]
-            position = np.array(sign) * (half - bevel)
-            position[axis] = sign[axis] * half[axis]
-            index[sign, axis] = len(vertices)
-            vertices.append(position)
-            normals.append(normal)
+    index = {
+        corner: k for k, corner in enumerate((sign, axis) for sign in signs for axis in range(3))
+    }
     faces = [[index[sign, 0], index[sign, 1], index[sign, 2]] for sign in signs]
     for axis in range(3):
         b, c = (axis + 1) % 3, (axis + 2) % 3
@@ -105,10 +112,8 @@ def box(width: float, depth: float, height: float, bevel: float = 0.05) -> Mesh:
         for p, q in ((-1, -1), (1, -1), (1, 1), (-1, 1)):
             low, high = _sign(axis, -1, b, p, c, q), _sign(axis, 1, b, p, c, q)
             faces += fan([index[low, b], index[high, b], index[high, c], index[low, c]])
-    points, directions = np.array(vertices), np.array(normals)
-    ordered = wind(points, directions, np.array(faces))
-    uvs = (points[:, :2] / half[:2] + 1) / 2 * [1, -1] + [0, 1]
-    return Mesh(points, directions, uvs, ordered).at(0, 0, height / 2)
+    corners = np.array([sign for sign, _ in index], dtype=np.float64)
+    return corners, np.array([axis for _, axis in index]), np.array(faces)
 
 
 def lathe(profile: Sequence[tuple[float, float]], segments: int = 32, smooth: bool = False) -> Mesh:

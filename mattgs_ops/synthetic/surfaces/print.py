@@ -24,7 +24,7 @@ TEXT = (
     " within under without during against toward across every other and the of to in for with on"
     " from by at as is was has are will can not new long high"
 )
-WORDS = TEXT.split()
+WORDS = np.array(TEXT.split())  # an array: a list is made into one for every word drawn
 Rgb = tuple[int, int, int]
 
 
@@ -116,16 +116,18 @@ def picture(rng: Generator, width: int, height: int, *, grey: bool = False) -> I
     """Return something that reads as a photo from afar: sky, hills, buildings, trees, lights."""
     sky = np.array([[120, 160, 205], [205, 150, 110], [90, 110, 140], [180, 195, 205]])
     top = sky[rng.integers(4)] + rng.normal(0, 12, 3)
-    fade = np.linspace(0, 1, height)[:, None, None]
-    out = (1 - fade) * top + fade * (top * 0.3 + 170)
-    out = out * np.ones((1, width, 1)) + 14 * noise(rng, width, height, width / 3)[..., None]
+    fade = np.linspace(0, 1, height)[:, None]
+    haze = 14 * noise(rng, width, height, width / 3)
+    # a plane for each colour: NumPy is several times slower where the last axis is three long
+    planes = [(1 - fade) * tone + fade * (tone * 0.3 + 170) + haze for tone in top]
     for layer in range(3):
         crest = height * (0.35 + 0.17 * layer) + 0.12 * height * noise(rng, width, 1, width / 4)[0]
         below = np.arange(height)[:, None] > crest[None]
-        tone = rng.uniform(30, 130, 3) * (1 - 0.2 * layer)
-        grain = 1 + 0.35 * noise(rng, width, height, 18)[..., None]
-        out = np.where(below[..., None], tone * grain, out)
-    sheet = PilImage.fromarray(np.clip(out, 0, 255).astype(np.uint8))
+        tones = rng.uniform(30, 130, 3) * (1 - 0.2 * layer)
+        grain = 1 + 0.35 * noise(rng, width, height, 18)
+        for plane, tone in zip(planes, tones, strict=True):
+            np.copyto(plane, tone * grain, where=below)
+    sheet = PilImage.fromarray(_image(planes))
     draw = ImageDraw.Draw(sheet)
     for _ in range(int(rng.integers(4, 14))):
         x, w = rng.uniform(0, width), rng.uniform(0.02, 0.12) * width
@@ -139,10 +141,17 @@ def picture(rng: Generator, width: int, height: int, *, grey: bool = False) -> I
                     draw.rectangle((column, row, column + 2, row + 3), fill=lit)
         else:
             draw.ellipse((x, base - h, x + w * 1.6, base - h * 0.3), fill=colour)
-    image = np.asarray(sheet).astype(np.float32) + rng.normal(0, 5, (height, width, 1))
+    image = np.asarray(sheet)
+    strays = rng.normal(0, 5, (height, width))
+    planes = [image[..., channel] + strays for channel in range(3)]
     if grey:
-        image = image.mean(axis=2, keepdims=True) * np.ones(3)
-    return np.clip(image, 0, 255).astype(np.uint8)
+        planes = [(planes[0] + planes[1] + planes[2]) / 3] * 3
+    return _image(planes)
+
+
+def _image(planes: list[np.ndarray]) -> Image:
+    """Return three planes [H, W] of red, green and blue as an image."""
+    return np.stack([np.clip(plane, 0, 255).astype(np.uint8) for plane in planes], axis=2)
 
 
 def aged(image: Image, rng: Generator, amount: float = 1.0) -> Image:
@@ -153,8 +162,8 @@ def aged(image: Image, rng: Generator, amount: float = 1.0) -> Image:
         at = int(rng.uniform(0.2, 0.8) * width)
         tone[:, max(at - 2, 0) : at + 2] -= 9
         tone[:, at + 2 : at + 4] += 6
-    out = image.astype(np.float32) + amount * tone[..., None] * [1.0, 1.0, 1.15]
-    return np.clip(out, 0, 255).astype(np.uint8)
+    tone *= amount
+    return _image([image[..., 0] + tone, image[..., 1] + tone, image[..., 2] + tone * 1.15])
 
 
 def newspaper(rng: Generator, width: int, height: int) -> Image:

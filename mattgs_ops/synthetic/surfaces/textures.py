@@ -39,9 +39,10 @@ def wood(
         pores = cv2.resize(rng.random((h, width // 40 + 1)).astype(np.float32), (width, h)) > 0.985
         value = 1 + 0.075 * rings + 0.035 * fibres + 0.03 * fine - 0.22 * pores
         value *= 1 + 0.07 * rng.standard_normal() + 0.06 * noise(rng, width, h, width / 6)
-        out[top:bottom] = (
-            value[..., None] * np.array(tone) * (1 + 0.05 * rings[..., None] * [0, 0, -1])
-        )
+        yellower = 1 - (0.05 * rings).astype(np.float64)
+        for channel, colour in enumerate(tone):
+            plane = value * colour
+            out[top:bottom, :, channel] = plane * yellower if channel == 2 else plane
         out[top : top + 2] *= 0.45
     for _ in range(60):
         a = rng.uniform(0, [width, height])

@@ -15,6 +15,7 @@ from mattgs_ops.splat.files.training_report import TrainingReport
 from mattgs_ops.splat.photos import load_view
 from mattgs_ops.splat.render import render_view
 from mattgs_ops.splat.training.train import train
+from mattgs_ops.timing import calibration
 
 STEPS = 60
 Train = Callable[..., TrainingReport]
@@ -25,7 +26,11 @@ class KilledError(Exception):
 
 
 @pytest.fixture
-def run(tiny_scene: Scene, tmp_path: Path) -> Train:
+def run(tiny_scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Train:
+    """Train, beside a workload that hardly takes time: steps this small are a third of it else."""
+    monkeypatch.setattr(calibration, "ADDITIONS", 100)
+    monkeypatch.setattr(calibration, "TABLE_FLOATS", 1 << 10)
+
     def run(out: str, condition: str = "nobg-3dgs", **changes: Any) -> TrainingReport:
         parsed = Condition.parse(condition)
         options: dict[str, Any] = {"iterations": STEPS, "resolution": 48, "seed": 0} | changes

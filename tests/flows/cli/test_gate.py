@@ -26,16 +26,12 @@ Judged = Callable[..., Result]
 
 
 @pytest.fixture(scope="module")
-def committed() -> baseline.Baseline:
-    return baseline.load("quick-ci")
-
-
-@pytest.fixture(scope="module")
-def two_seeds(committed: baseline.Baseline, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def two_seeds(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Write a baseline of the committed one's first two seeds: judged sooner than all five."""
-    rows = [row for row in committed.rows if row["seed"] < 2]
+    known = baseline.load("quick-ci")
     path = tmp_path_factory.mktemp("baseline") / "two-seeds.json"
-    baseline.make(rows, "quick-ci", committed.noise).save(path)
+    rows = [row for row in known.rows if row["seed"] < 2]
+    baseline.make(rows, "quick-ci", known.noise).save(path)
     return path
 
 
@@ -92,13 +88,9 @@ def configure(row: Row) -> None:
     ],
 )
 def test_exit_codes(
-    judged: Judged,
-    rows: list[Row],
-    tmp_path: Path,
-    change: Callable[[Row], object],
-    code: int,
-    word: str,
-) -> None:
+    judged: Judged, rows: list[Row], tmp_path: Path,
+    change: Callable[[Row], object], code: int, word: str,
+) -> None:  # fmt: skip
     for row in rows:
         change(row)
     done = judged(rows, tmp_path)
@@ -123,14 +115,14 @@ def test_speed_of_another_machine_is_told_and_passes(
 
 
 def test_a_configuration_is_run_before_it_is_judged(
-    committed: baseline.Baseline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen: list[BenchmarkConfig] = []
 
     def run_benchmark(config: BenchmarkConfig, out: Path, *, died: int) -> bool:
         assert died == 3, "failed runs: a service that ends is no regression"
         seen.append(config)
-        write(list(committed.rows), out)
+        write(list(baseline.load("quick-ci").rows), out)
         return True
 
     monkeypatch.setattr(running, "run_benchmark", run_benchmark)

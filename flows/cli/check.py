@@ -194,5 +194,5 @@ def _sheet(views: Sequence[View], report: MaskReport, out: Path) -> Path:
     """Draw the photos with their masks' outlines."""
     flags = {view.name: view.flags for view in report.views}
     with style():
-        saved = draw(views, flags, out, "masks", "", all_registered=True)
+        saved = draw(views, flags, out, "masks", "", all_registered=True, vector=False)
     return saved.png

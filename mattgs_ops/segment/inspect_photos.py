@@ -63,15 +63,16 @@ def inspect(
     """
     names = tuple(view.name for view in capture.views)
     sharp, light, features = [], [], []
+    given = capture.cameras_are == "given" and not estimate
     sift = cv2.SIFT.create(nfeatures=quick_matches.FEATURES)
     for index, view in enumerate(capture.views):
         photo = read_rgb(view.photo)
         grey = quick_matches.shrunk(cv2.cvtColor(photo, cv2.COLOR_RGB2GRAY))
         sharp.append(relative_sharpness(np.ascontiguousarray(photo[..., ::-1])))
         light.append(_light(grey))
-        features.append(quick_matches.key_points(grey, sift))
+        if not given:
+            features.append(quick_matches.key_points(grey, sift))
         progress(index + 1, len(names), view.name)
-    given = capture.cameras_are == "given" and not estimate
     without = [view.name for view in capture.views if given and view.camera is None]
     links = {} if given else quick_matches.match(features)
     stands_still = sum(link.moved < LOOSE for link in links.values()) > len(links) / 2

@@ -51,8 +51,12 @@ def draw(
     caption: str,
     *,
     all_registered: bool = False,
+    vector: bool = True,
 ) -> Saved:
-    """Draw outlines on photos; ``flags`` by view, and who has no camera, stand above them."""
+    """Draw outlines on photos; ``flags`` by view, and who has no camera, stand above them.
+
+    Without ``vector`` there is no PDF, which takes half of the time.
+    """
     drawn = chosen(views, flags)
     pictures = [_outlined(view) for view in drawn]
     lanes = min(LANES, len(drawn))
@@ -65,7 +69,7 @@ def draw(
         colour = "#b3261e" if doubts else "black"
         axes.set_title(title(view.name, doubts), fontsize=6, color=colour, pad=2)
     clear(places[None, len(drawn) :])
-    return save(figure, folder, slug, caption, pictorial=True)
+    return save(figure, folder, slug, caption, pictorial=True, vector=vector)
 
 
 def title(name: str, doubts: Sequence[str]) -> str:

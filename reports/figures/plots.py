@@ -104,12 +104,19 @@ def style() -> Iterator[None]:
 
 
 def save(
-    figure: Figure, folder: Path, slug: str, caption: str, *, pictorial: bool = False
+    figure: Figure,
+    folder: Path,
+    slug: str,
+    caption: str,
+    *,
+    pictorial: bool = False,
+    vector: bool = True,
 ) -> Saved:
-    """Write ``slug.png`` and ``slug.pdf`` without dates."""
+    """Write ``slug.png`` without a date, and with ``vector`` ``slug.pdf``."""
     folder.mkdir(parents=True, exist_ok=True)
     stem = folder / slug
-    figure.savefig(_named(stem, ".pdf"), metadata={"CreationDate": None})
+    if vector:
+        figure.savefig(_named(stem, ".pdf"), metadata={"CreationDate": None})
     effort = {"compress_level": 1} if pictorial else {}  # photos: half the time, 8 % more bytes
     figure.savefig(
         _named(stem, ".png"), dpi=PNG_DPI, metadata={"Software": None}, pil_kwargs=effort

@@ -30,7 +30,6 @@ from mattgs_ops.errors import InputError
 from mattgs_ops.naming import checked_row, is_name
 from mattgs_ops.whole_file import write_text_whole
 from reports.gate.compare import collected
-from reports.gate.numbers import by_seed
 from reports.gate.speed import MACHINE, seconds
 from reports.rows.finite import infinite_scores
 from reports.rows.schema import PROTOCOL, Row, cells, problems
@@ -130,7 +129,7 @@ def measured_noise(runs: Sequence[Sequence[Row]]) -> dict[str, float]:
         for number in collected(one, other)[1]:
             if number.tolerance.kind != "speed":
                 compared = True
-                changes = [change**2 for change, _ in by_seed(number).values() if change]
+                changes = [change**2 for change, _ in number.by_seed.values() if change]
                 if changes:
                     squares.setdefault(number.tolerance.metric, []).extend(changes)
     if not compared:

@@ -12,7 +12,7 @@ import math
 from collections.abc import Sequence
 from statistics import fmean, median
 
-from reports.gate.numbers import NORMAL_MAD, Judged, by_seed, change_of, changes_of
+from reports.gate.numbers import NORMAL_MAD, Judged
 from reports.gate.tolerances import Tolerance
 from reports.rows import statistics
 from reports.rows.statistics import Interval
@@ -28,7 +28,7 @@ def interval_of(number: Judged, level: float, among: float = 0.0, cells: int = 0
     """
     tolerance = number.tolerance
     if tolerance.kind == "exact":
-        mean, seeds = change_of(number), len(by_seed(number))
+        mean, seeds = number.change, len(number.by_seed)
         half = statistics.quantile(math.inf, level) * number.noise * math.sqrt(2 / seeds)
         return Interval(mean, mean - half, mean + half, len(number.pairs))
     rounding = rounding_noise([number])
@@ -40,7 +40,7 @@ def interval_of(number: Judged, level: float, among: float = 0.0, cells: int = 0
 
 def _by_spread(number: Judged, level: float, among: float, cells: int) -> Interval:
     """Return the interval that views, laps and other cells give; logarithms for ratios."""
-    changes, per_seed = changes_of(number), by_seed(number)
+    changes, per_seed = number.changes, number.by_seed
     seeds = len(per_seed)
     stated = number.noise * math.sqrt(2 / seeds)
     measured = math.sqrt(sum(error**2 for _, error in per_seed.values())) / seeds
@@ -56,7 +56,7 @@ def _by_spread(number: Judged, level: float, among: float, cells: int) -> Interv
         interval = statistics.crossed(table, level)
         half = math.hypot(interval.half, run)
         return Interval(interval.mean, interval.mean - half, interval.mean + half, interval.samples)
-    mean = change_of(number)
+    mean = number.change
     return Interval(mean, mean - run, mean + run, len(changes))
 
 
@@ -68,7 +68,7 @@ def rounding_noise(numbers: Sequence[Judged]) -> float | None:
     stated = numbers[0].tolerance.between
     if not stated or numbers[0].tolerance.kind == "speed":
         return None  # 0, in older baselines: of runs that were the same to the bit
-    runs = [change for number in numbers for change, _ in by_seed(number).values()]
+    runs = [change for number in numbers for change, _ in number.by_seed.values()]
     moved = sum(change != 0 for change in runs)
     return stated * math.sqrt(2 * moved) / len(runs)
 
@@ -101,7 +101,7 @@ def spread_among(numbers: Sequence[Judged]) -> float:
     """
     if len(numbers) < SPREAD_LEAST:
         return 0.0
-    means = [change_of(number) for number in numbers]
+    means = [number.change for number in numbers]
     explained = (
         [None for _ in numbers],
         [number.key.method for number in numbers],
@@ -131,10 +131,10 @@ def interval_of_all(numbers: Sequence[Judged], level: float) -> Interval:
     rounding = rounding_noise(numbers)
     shared = level if rounding is None else _halved(level)
     normal = statistics.quantile(math.inf, shared)
-    runs = [change for number in numbers for change, _ in by_seed(number).values()]
+    runs = [change for number in numbers for change, _ in number.by_seed.values()]
     stated = normal * tolerance.noise * math.sqrt(2 / len(runs))
     if tolerance.kind == "difference":
-        if not any(any(changes_of(number).values()) for number in numbers):
+        if not any(any(number.changes.values()) for number in numbers):
             return Interval(0.0, 0.0, 0.0, len(runs))  # the same to the bit
         interval = statistics.stratified(_by_view(numbers), shared)
         among = spread_among(numbers)
@@ -155,7 +155,7 @@ def _by_view(numbers: Sequence[Judged]) -> list[list[float]]:
     by_capture: dict[str, dict[str, list[float]]] = {}
     for number in numbers:
         views = by_capture.setdefault(number.key.capture, {})
-        for (view, _), change in changes_of(number).items():
+        for (view, _), change in number.changes.items():
             views.setdefault(view, []).append(change)
     return [[fmean(changes) for changes in views.values()] for views in by_capture.values()]
 

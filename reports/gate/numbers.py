@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from statistics import fmean, median
 from typing import Any
 
@@ -26,6 +27,40 @@ class Judged:
     noise: float  # standard deviation of one run's value, see ``tolerances.py``
     moved: bool = False  # the two sides come from processors that may round differently
     errors: Mapping[int, float] = field(default_factory=dict)  # seed: stated error of its change
+
+    @cached_property
+    def changes(self) -> Mapping[tuple[str, int], float]:
+        """Signed changes by view and seed, positive is better; logarithms for ratios."""
+        sign = self.tolerance.direction
+        if self.tolerance.kind in ("difference", "exact"):
+            return {key: sign * (after - before) for key, (before, after) in self.pairs.items()}
+        return {key: sign * math.log(after / before) for key, (before, after) in self.pairs.items()}
+
+    @cached_property
+    def by_seed(self) -> Mapping[int, tuple[float, float]]:
+        """Each seed's change and the error of it that its own measurements show.
+
+        Of speeds the median over repeats counts: what disturbs a machine disturbs single repeats.
+        Its error is the median absolute deviation's, or what the rows state where there is one
+        repeat.
+        """
+        changes: dict[int, list[float]] = {}
+        for (_, seed), change in self.changes.items():
+            changes.setdefault(seed, []).append(change)
+        if self.tolerance.kind != "speed":
+            return {seed: (fmean(values), 0.0) for seed, values in changes.items()}
+        out = {}
+        for seed, values in changes.items():
+            centre = median(values)
+            spread = median(abs(value - centre) for value in values)
+            own = MEDIAN_ERROR * spread / math.sqrt(len(values))
+            out[seed] = centre, math.hypot(own, self.errors.get(seed, 0.0))
+        return out
+
+    @cached_property
+    def change(self) -> float:
+        """The mean change over seeds, positive is better; a logarithm for ratios."""
+        return fmean([change for change, _ in self.by_seed.values()])
 
 
 def collect(
@@ -51,8 +86,9 @@ def collect(
         if problem:
             return None, problem
         values |= {(name, seed): (theirs[name], ours[name]) for name in ours}
-    before_mean = fmean(pair[0] for pair in values.values())
-    after_mean = fmean(pair[1] for pair in values.values())
+    # of lists: `fmean` counts the items of anything else one by one
+    before_mean = fmean([before for before, _ in values.values()])
+    after_mean = fmean([after for _, after in values.values()])
     moved = any(speed.rounds_otherwise(*pair) for pair in pairs)
     noise = _noise(tolerance, [before for _, before in pairs], moved=moved)
     return Judged(key, tolerance, values, before_mean, after_mean, noise, moved, errors), ""
@@ -94,9 +130,11 @@ def _unusable(tolerance: Tolerance, ours: Mapping[str, float], theirs: Mapping[s
 def _values(row: Row, tolerance: Tolerance) -> dict[str, float]:
     """Return one row's values of a metric by view; a single one is called ``all``."""
     if tolerance.kind == "difference":
-        held_out = [view for view in row["per_view"] if view["split"] == "test"]
-        scores = {str(view["view"]): view.get(tolerance.metric) for view in held_out}
-        return {name: float(value) for name, value in scores.items() if value is not None}
+        return {
+            str(view["view"]): float(view[tolerance.metric])
+            for view in row["per_view"]
+            if view["split"] == "test" and view.get(tolerance.metric) is not None
+        }
     if tolerance.kind == "speed":
         return speed.calibrated(row, tolerance.metric)
     value = _single(row, tolerance.metric)
@@ -111,42 +149,9 @@ def _single(row: Row, metric: str) -> Any:
     return row["metrics"].get(metric)
 
 
-def changes_of(number: Judged) -> dict[tuple[str, int], float]:
-    """Signed changes by view and seed, positive is better; logarithms for ratios."""
-    sign = number.tolerance.direction
-    if number.tolerance.kind in ("difference", "exact"):
-        return {key: sign * (after - before) for key, (before, after) in number.pairs.items()}
-    return {key: sign * math.log(after / before) for key, (before, after) in number.pairs.items()}
-
-
-def by_seed(number: Judged) -> dict[int, tuple[float, float]]:
-    """Return each seed's change and the error of it that its own measurements show.
-
-    Of speeds the median over repeats counts: what disturbs a machine disturbs single repeats. Its
-    error is the median absolute deviation's, or what the rows state where there is one repeat.
-    """
-    changes: dict[int, list[float]] = {}
-    for (_, seed), change in changes_of(number).items():
-        changes.setdefault(seed, []).append(change)
-    if number.tolerance.kind != "speed":
-        return {seed: (fmean(values), 0.0) for seed, values in changes.items()}
-    out = {}
-    for seed, values in changes.items():
-        centre = median(values)
-        spread = median(abs(value - centre) for value in values)
-        own = MEDIAN_ERROR * spread / math.sqrt(len(values))
-        out[seed] = centre, math.hypot(own, number.errors.get(seed, 0.0))
-    return out
-
-
-def change_of(number: Judged) -> float:
-    """Return the mean change over seeds, positive is better; a logarithm for ratios."""
-    return fmean(change for change, _ in by_seed(number).values())
-
-
 def worst_view(number: Judged) -> str | None:
     """Return the view that lost most, for numbers that are measured per view."""
     if number.tolerance.kind != "difference":
         return None
-    changes = changes_of(number)
+    changes = number.changes
     return min(changes, key=lambda key: changes[key])[0]

@@ -6,7 +6,6 @@ views lose different amounts, and so do captures, around the mean that is stated
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from copy import deepcopy
 from dataclasses import dataclass
 from functools import partial
 
@@ -129,12 +128,17 @@ def lose_quality(
     names = [str(view["view"]) for view in held_out_views(row)]
     pattern = decibels * _pattern(f"{row['capture']} {draw}", len(names), uneven)
     losses = dict(zip(names, pattern, strict=True))
-    out = deepcopy(row)
-    for view in out["per_view"]:
-        for name in ("psnr", "mask_psnr"):
-            if view["split"] == "test" and view.get(name) is not None:
-                view[name] -= losses[str(view["view"])]
-    return out
+    views = [
+        view | _less(view, losses[str(view["view"])]) if view["split"] == "test" else view
+        for view in row["per_view"]
+    ]
+    return row | {"per_view": views}
+
+
+def _less(view: Row, loss: float) -> Row:
+    """Return a view's scores, as far as it has them, that much lower."""
+    names = [name for name in ("psnr", "mask_psnr") if view.get(name) is not None]
+    return {name: view[name] - loss for name in names}
 
 
 def _pattern(name: str, count: int, uneven: float) -> np.ndarray:
@@ -149,15 +153,15 @@ def _pattern(name: str, count: int, uneven: float) -> np.ndarray:
 
 def lose_speed(row: Row, share: float = SLOWDOWN) -> Row:
     """Make training and rendering slower, the calibration workload as fast as before."""
-    out = deepcopy(row)
+    metrics, repeats = dict(row["metrics"]), dict(row.get("repeats") or {})
     for metric in SPEED_METRICS:
         factor = 1 / (1 + share) if metric in RATES else 1 + share
         for name in (metric, f"{metric}_calibrated"):
-            if out["metrics"].get(name) is not None:
-                out["metrics"][name] *= factor
-        for repeat in (out.get("repeats") or {}).get(metric, []):
-            repeat["value"] *= factor
-    return out
+            if metrics.get(name) is not None:
+                metrics[name] *= factor
+        if metric in repeats:
+            repeats[metric] = [one | {"value": one["value"] * factor} for one in repeats[metric]]
+    return row | {"metrics": metrics} | ({"repeats": repeats} if repeats else {})
 
 
 def grow(row: Row, share: float = GROWTH) -> Row:

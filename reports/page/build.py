@@ -109,7 +109,9 @@ def build(
         first = budget_figures.budget_curves(compared, folder)
     # curves say more than their largest budgets' points
     parts = all_figures.parts(one_each, galleries, artifacts_root, folder, points=not first)
-    with all_figures.drawn_by(processes, parts) as drawn_in_the_end:
+    # without pictures there are one or two, and a process takes longer to start than to draw them
+    needed = processes if any(row.get("artifacts") for row in one_each) else 1
+    with all_figures.drawn_by(needed, parts) as drawn_in_the_end:
         shown = page.shown(galleries, artifacts_root)
         drawn = drawn_in_the_end()
     content = Content(

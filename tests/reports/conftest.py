@@ -253,6 +253,15 @@ def scores(truth: Image.Image, render: Image.Image, mask: Image.Image) -> dict[s
     }
 
 
+@pytest.fixture
+def rough_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have figures drawn coarsely, letters as outlines: for tests of a report's words alone."""
+    from reports.figures import plots
+
+    monkeypatch.setattr(plots, "PNG_DPI", 30)
+    monkeypatch.setitem(plots.STYLE, "pdf.fonttype", 3)
+
+
 @pytest.fixture(scope="session")
 def make_row() -> Callable[..., Row]:
     return cell_row

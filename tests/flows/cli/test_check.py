@@ -46,18 +46,19 @@ def checked(photos: Path, out: Path, *options: str) -> Result:
 
 
 def test_photos_are_looked_at_and_masks_drawn(tmp_path: Path) -> None:
-    photos = some(tmp_path / "photos", 5)
+    photos = some(tmp_path / "photos", 3)
     result = checked(photos, tmp_path / "out")
     assert result.exit_code == 0, result.output
-    assert "5 photos, 800x600 pixels" in result.output
-    assert "about 5 of 5 photos will get a camera" in result.output
+    assert "3 photos, 800x600 pixels" in result.output
+    assert "about 3 of 3 photos will get a camera" in result.output
     assert "a full run takes about" in result.output
     sheet = tmp_path / "out" / "checks" / "photos" / "masks.png"
     assert np.asarray(cv2.imread(str(sheet))).shape[1] > 500
+    assert [path.name for path in sheet.parent.glob("masks.*")] == ["masks.png"]
 
 
 def test_masks_that_hold_another_half_in_each_photo_contradict_each_other(tmp_path: Path) -> None:
-    photos = some(tmp_path / "photos", 5)
+    photos = some(tmp_path / "photos", 4)
     for folder in ("halves", "exact"):
         (tmp_path / folder).mkdir()
     for index, path in enumerate(sorted(photos.iterdir())):
@@ -106,14 +107,14 @@ def test_all_captures_of_a_file_are_looked_at(tmp_path: Path) -> None:
     file, out = tmp_path / "benchmark.toml", tmp_path / "out"
     entry = '[[captures]]\nname = "{0}"\npath = "{0}"\nmasks = "masks"\n'
     for name in ("cat", "dog"):
-        some(tmp_path / name, 5)
+        some(tmp_path / name, 4)
     masks_for(tmp_path / "cat", tmp_path / "masks")  # both have the same photos
     file.write_text("".join(map(entry.format, ("cat", "dog"))))
     result = CliRunner().invoke(app, ["check", "--config", str(file), "--out", str(out)])
     assert result.exit_code == 0, result.output
     lines = result.output.splitlines()
     assert [line for line in lines if line in ("cat:", "dog:")] == ["cat:", "dog:"]
-    assert result.output.count("  about 5 of 5 photos will get a camera") == 2
+    assert result.output.count("  about 4 of 4 photos will get a camera") == 2
     assert [line for line in lines if "a full run takes" in line] == lines[-1:]
     assert {path.parent.name for path in out.glob("checks/*/masks.png")} == {"cat", "dog"}
     file.write_text("".join(map(entry.format, ("lost", "dog"))))

@@ -13,6 +13,7 @@ from reports.page.build import build
 from tasks.registry import promotion, runs, summary
 from tasks.registry.lookup import find_run
 from tests.flows.results.conftest import files_of
+from tests.reports.conftest import write_ply
 
 Row = dict[str, Any]
 
@@ -115,13 +116,19 @@ def test_a_benchmark_without_runs_is_refused(out: Path) -> None:
         summary.report_rows(uri_of(out), "empty")
 
 
-def test_a_promotion_shows_in_the_report_that_is_built_next(out: Path) -> None:
-    """Comes last: from here on the report is another one."""
+def test_a_promotion_shows_in_the_report_that_is_built_next(out: Path, tmp_path: Path) -> None:
+    """The run keeps its splats alone: of pictures the report says nothing else."""
+    experiment = runs.open_benchmark(uri_of(out), "promoted", out / "mlflow-artifacts")
     rows = summary.report_rows(uri_of(out), "toy")
-    run = next(row["run_id"] for row in rows if row["condition"] == "nobg-ours")
-    (out / "training.json").write_text('{"background": [1, 1, 1]}')
-    client_of(out).log_artifact(run, str(out / "training.json"))
+    row = next(row for row in rows if row["condition"] == "nobg-ours")
+    bare = row | {"benchmark": "promoted", "artifacts": {}, "run_id": None}
+    (tmp_path / "training.json").write_text('{"background": [1, 1, 1]}')
+    write_ply(tmp_path / "splats.ply", row["capture"], 20, seed=0)
+    kept = [(tmp_path / name, "") for name in ("splats.ply", "training.json")]
+    run = runs.record(uri_of(out), experiment, bare, parameters={}, files=kept)
+    known = [bare | {"run_id": run}]
+    summary.record_summary(uri_of(out), experiment, "promoted", known, out / "first/tables")
     promotion.promote(uri_of(out), find_run(uri_of(out), run))
-    text = rebuild_report("toy", out).read_text("utf-8")
+    text = rebuild_report("promoted", out).read_text("utf-8")
     assert "Against the promoted baseline" in text
     assert "Ours ★" in text

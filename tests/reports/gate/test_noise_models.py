@@ -20,6 +20,7 @@ from reports.rows.schema import Row
 DRAWS, LOSSES = 60, 20
 MOST_FALSE = 1  # of so many draws; 1 % is what the gate allows for all metrics together
 BETWEEN_FACTOR = 5.0  # noise between machines over that of the table, where a test makes one up
+SHOWN = 6  # held-out views of a row: noise moves all of them alike, so their number tells nothing
 VIEWS, SHARE = 48, 0.9  # of which so many register
 SCORES = [t for t in TOLERANCES if t.kind == "difference"]
 RATIOS = [t for t in TOLERANCES if t.kind == "ratio"]
@@ -33,13 +34,13 @@ def named(tolerances: list[Tolerance]) -> Any:
     return pytest.mark.parametrize("tolerance", tolerances, ids=lambda t: t.metric)
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def rows() -> Rows:
-    """Return real rows of six cells, every metric of the table in them."""
+    """Return real rows of six cells, every metric of the table in them; nobody changes them."""
     found = []
     for row in baseline.load("quick-ci").rows:
         if row["seed"] == 0:
-            views = [filled(view) if one_of(view) else view for view in row["per_view"]]
+            views = [filled(view) for view in row["per_view"] if one_of(view)][:SHOWN]
             masks = {"mean_iou": 0.9, "source": "given"}
             found.append(row | {"per_view": views, "masks": masks})
     return found

@@ -8,7 +8,7 @@ from statistics import fmean
 
 import pytest
 
-from reports.gate.numbers import Judged, by_seed, collect, worst_view
+from reports.gate.numbers import Judged, collect, worst_view
 from reports.gate.tolerances import TOLERANCES
 from reports.rows.schema import Row, key_of
 
@@ -41,7 +41,7 @@ def test_both_sides_are_means_over_held_out_views(before: Row) -> None:
     number = gathered("psnr", after, before)
     assert number.before == pytest.approx(fmean(v["psnr"] for v in before["per_view"]))
     assert number.after == pytest.approx(number.before - fmean(losses))
-    assert by_seed(number)[0] == pytest.approx((-fmean(losses), 0.0))
+    assert number.by_seed[0] == pytest.approx((-fmean(losses), 0.0))
     assert worst_view(number) == "0040.jpg"
     assert worst_view(gathered("size_mb", after, before)) is None, "a file has no views"
 
@@ -86,7 +86,7 @@ def test_laps_are_compared_as_far_as_both_have_them(before: Row) -> None:
         return before | {"repeats": {"time": [{"value": s, "calibration": 0.5} for s in seconds]}}
 
     number = gathered("time", laps(1.1, 2.2, 3.3, 9.0, 9.0), laps(1.0, 2.0, 3.0))
-    assert by_seed(number)[0] == pytest.approx((-math.log(1.1), 0.0))
+    assert number.by_seed[0] == pytest.approx((-math.log(1.1), 0.0))
 
 
 def test_errors_that_rows_state_of_speeds_add_up_as_independent_ones_do(before: Row) -> None:
@@ -95,7 +95,7 @@ def test_errors_that_rows_state_of_speeds_add_up_as_independent_ones_do(before: 
 
     number = gathered("fps", stated(0.03), stated(0.04))
     assert number.errors == {0: pytest.approx(0.05)}
-    assert by_seed(number)[0][1] == pytest.approx(0.05)
+    assert number.by_seed[0][1] == pytest.approx(0.05)
     assert gathered("fps", stated(math.nan), before).errors == {0: 0.0}, "NaN states none"
 
 

@@ -18,9 +18,9 @@ from reports.rows.schema import Row, held_out_views
 Change = Callable[[Row], Row]
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def known() -> baseline.Baseline:
-    """Return the committed baseline, with the noise between machines that it brings."""
+    """Return the committed baseline, with its noise between machines; nobody changes its rows."""
     found = baseline.load("quick-ci")
     assert found.noise["psnr"] > 0.05, "else there is nothing that could hide a loss"
     return found

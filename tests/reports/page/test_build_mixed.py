@@ -14,6 +14,8 @@ from reports.tables import verdict
 from reports.tables.side_tables import BUDGETS, all_tables
 from tests.reports.rows.test_budgets import grid
 
+pytestmark = pytest.mark.usefixtures("rough_figures")
+
 Row = dict[str, Any]
 DOUBT = [{"about": "masks", "text": "masks fill the frame", "serious": True}]
 

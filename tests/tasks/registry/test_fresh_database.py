@@ -1,6 +1,8 @@
 """A fresh database of MLflow: whole or not there, whoever is killed; a copy of an empty one."""
 
 import fcntl
+import os
+import signal
 import sqlite3
 import subprocess
 import sys
@@ -22,20 +24,47 @@ def client(uri: str) -> Any:
     return MlflowClient(tracking_uri=uri)
 
 
+# One import of MLflow, which takes seconds; then a process that is killed, and two that are not
+MANY = """
+import sys
+from multiprocessing import get_context
+import mlflow.store.tracking.sqlalchemy_store
+from tasks.registry import runs
+
+def began():
+    process = get_context("fork").Process(target=runs.initialise, args=sys.argv[1:])
+    process.start()
+    return process
+
+first = began()
+print(first.pid, flush=True)
+first.join()
+print("gone", flush=True)
+sys.stdin.readline()
+others = [began() for _ in range(2)]
+for one in others:
+    one.join()
+sys.exit(any(one.exitcode for one in others))
+"""
+
+
 def test_a_database_is_whole_or_not_there_and_a_broken_one_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Many begin at once; one is killed while it makes the tables."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))  # where none is kept yet
     uri = f"sqlite:///{tmp_path / 'mlflow.db'}"
-    code = f"from tasks.registry import runs; runs.initialise({uri!r})"
-    first = subprocess.Popen([sys.executable, "-c", code])
-    wait_for(lambda: list(tmp_path.glob("mlflow.db.*.part")))
-    first.kill()
-    first.wait()
-    assert not (tmp_path / "mlflow.db").exists()
-    others = [subprocess.Popen([sys.executable, "-c", code]) for _ in range(2)]
-    assert [one.wait() for one in others] == [0, 0]
+    pipe = subprocess.PIPE
+    command = [sys.executable, "-c", MANY, uri]
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True) as many:
+        assert many.stdout is not None
+        first = int(many.stdout.readline())
+        wait_for(lambda: list(tmp_path.glob("mlflow.db.*.part")))
+        os.kill(first, signal.SIGKILL)
+        assert many.stdout.readline() == "gone\n"
+        assert not (tmp_path / "mlflow.db").exists()
+        many.communicate("go on\n")
+    assert many.returncode == 0
     assert client(uri).search_experiments()
     (tmp_path / "broken.db").write_bytes(b"no database" * 100)
     with pytest.raises(InputError, match="cannot be used"):

@@ -29,7 +29,7 @@ from tasks.registry import runs, summary
 
 pytestmark = pytest.mark.slow
 
-LOGGERS, ROWS_EACH, POINTS = 12, 2, 150
+LOGGERS, ROWS_EACH, POINTS = 12, 1, 150
 LOADING = 240  # seconds that a busy machine may take for it
 COUNT = 40  # splats
 

@@ -166,29 +166,41 @@ def test_an_unknown_benchmark_is_refused_with_the_known_ones(place: tuple[str, P
         runs.rows(uri, "unknown")
 
 
+# One import of MLflow, which takes seconds, and then as many processes as there are lists of rows
+LOG = """
+import json, sys
+from multiprocessing import get_context
+from pathlib import Path
+import mlflow.store.tracking.sqlalchemy_store
+from tasks.registry import runs
+
+uri, artifacts = sys.argv[1], Path(sys.argv[2])
+curve = [{"step": i, "loss": 1 / (i + 1)} for i in range(200)]
+
+def log(rows):
+    experiment = runs.open_benchmark(uri, "crowd", artifacts)
+    for row in rows:
+        runs.record(uri, experiment, row, parameters={"a": 1}, curve=curve)
+
+processes = [get_context("fork").Process(target=log, args=(rows,)) for rows in json.load(sys.stdin)]
+for process in processes:
+    process.start()
+for process in processes:
+    process.join()
+sys.exit(any(process.exitcode for process in processes))
+"""
+
+
 @pytest.mark.slow
-def test_processes_that_log_at_once_lose_nothing(place: tuple[str, Path], tmp_path: Path) -> None:
+def test_processes_that_log_at_once_lose_nothing(place: tuple[str, Path]) -> None:
     uri, artifacts = place
-    script = tmp_path / "log_rows.py"
-    script.write_text(
-        "import json, sys\n"
-        "from pathlib import Path\n"
-        "from tasks.registry import runs\n"
-        "uri, artifacts, rows = sys.argv[1], Path(sys.argv[2]), json.loads(sys.argv[3])\n"
-        "experiment = runs.open_benchmark(uri, 'crowd', artifacts)\n"
-        "curve = [{'step': i, 'loss': 1 / (i + 1)} for i in range(200)]\n"
-        "for row in rows:\n"
-        "    runs.record(uri, experiment, row, parameters={'a': 1}, curve=curve)\n"
-    )
-    env = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
-    processes = []
-    for number in range(PROCESSES):
-        mine = json.dumps([row(number * ROWS_EACH + k) for k in range(ROWS_EACH)])
-        command = [sys.executable, str(script), uri, str(artifacts), mine]
-        processes.append(subprocess.Popen(command, env=env, stderr=subprocess.PIPE, text=True))
-    for process in processes:
-        _, errors = process.communicate()
-        assert process.returncode == 0, errors
+    lists = [[row(number * ROWS_EACH + k) for k in range(ROWS_EACH)] for number in range(PROCESSES)]
+    done = subprocess.run(
+        [sys.executable, "-c", LOG, uri, str(artifacts)],
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)},
+        input=json.dumps(lists), capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
     seeds = sorted(r["seed"] for r in runs.rows(uri, "crowd"))
     assert seeds == list(range(PROCESSES * ROWS_EACH))
 

@@ -21,6 +21,20 @@ def test_one_view_in_doubt_does_not_decide_for_all() -> None:
     assert not surely_larger([0.9], [0.1])
 
 
+def test_both_are_what_scipys_paired_test_and_quantiles_say() -> None:
+    from scipy.stats import t, ttest_rel
+
+    rng = np.random.default_rng(3)
+    decided = []
+    for views in rng.integers(2, 30, 300):
+        first, second = rng.normal(0.3, 1, views), rng.normal(0, 1, views)
+        decided.append(surely_larger(first.tolist(), second.tolist()))
+        assert decided[-1] == (ttest_rel(first, second, alternative="greater").pvalue < CHANCE)
+        half = t.ppf(1 - CHANCE / 4, views - 1) * first.std(ddof=1) * np.sqrt(1 + 1 / views)
+        assert lowest_expected(first.tolist(), 4) == pytest.approx(first.mean() - half, rel=1e-9)
+    assert 0.05 < np.mean(decided) < 0.5
+
+
 @pytest.mark.parametrize("more", [1, 6])
 def test_further_numbers_like_these_lie_above_but_once_in_forty_times(more: int) -> None:
     rng = np.random.default_rng(0)

@@ -4,7 +4,7 @@ The pictures show a striped box before a chequered wall; "renders" are blurred c
 depends on the method, and scores are computed from them, so that every number has a picture.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -253,13 +253,15 @@ def scores(truth: Image.Image, render: Image.Image, mask: Image.Image) -> dict[s
     }
 
 
-@pytest.fixture
-def rough_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Have figures drawn coarsely, letters as outlines: for tests of a report's words alone."""
+@pytest.fixture(scope="module")
+def rough_figures() -> Iterator[None]:
+    """Have figures drawn coarsely, letters as outlines: for tests of what else a report has."""
     from reports.figures import plots
 
-    monkeypatch.setattr(plots, "PNG_DPI", 30)
-    monkeypatch.setitem(plots.STYLE, "pdf.fonttype", 3)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(plots, "PNG_DPI", 30)
+        patch.setitem(plots.STYLE, "pdf.fonttype", 3)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -76,9 +76,10 @@ def test_weights_that_are_no_file_are_refused(tmp_path: Path, name: str) -> None
     assert not (tmp_path / "f").exists()
 
 
-def test_two_networks_in_eight_bits_become_one_file(first: Path, tmp_path: Path) -> None:
-    networks = [first / "u2netp.onnx", write_network(tmp_path / "block.onnx", 32, seed=0, gain=1)]
-    recipe, small = first / "recipe.toml", [tmp_path / "a.onnx", tmp_path / "b.onnx"]
+def test_two_networks_in_eight_bits_become_one_file(tmp_path: Path) -> None:
+    networks = [write_network(tmp_path / f"{seed}.onnx", 32, seed, gain=1) for seed in (0, 1)]
+    recipe, small = tmp_path / "recipe.toml", [tmp_path / "a.onnx", tmp_path / "b.onnx"]
+    recipe.write_text(RECIPE.format(steps=1, rate=1e-3))
     for path, network, images in zip(small, networks, ("2", "3"), strict=True):
         command = ["segment", "quantize", str(path), str(network), "--config", str(recipe)]
         result = CliRunner().invoke(app, [*command, "--images", images])

@@ -8,9 +8,9 @@ import pytest
 from mattgs_ops.capture.scene import Scene
 from mattgs_ops.segment import sheet
 from tasks.registry import record
-from tests.reports.conftest import pictured
+from tests.reports.conftest import pictured, rough_figures
 
-__all__ = ["pictured"]
+__all__ = ["pictured", "rough_figures"]
 
 Row = dict[str, Any]
 # a row's names → stages

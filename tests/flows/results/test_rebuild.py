@@ -15,6 +15,8 @@ from tasks.registry.lookup import find_run
 from tests.flows.results.conftest import files_of
 from tests.reports.conftest import write_ply
 
+pytestmark = pytest.mark.usefixtures("rough_figures")
+
 Row = dict[str, Any]
 
 

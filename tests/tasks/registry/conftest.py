@@ -15,21 +15,6 @@ import pytest
 
 STARTING = 240  # seconds that a busy machine may take for the server
 
-# `mlflow` as on the command line, but `mlflow server` serves by itself: as another process, which
-# it would start and wait for, its web server would import all of MLflow once more
-ONE_PROCESS = """
-import os, runpy, sys
-import mlflow.cli, mlflow.server
-
-def become(command, extra_env, **_):
-    os.environ.update(extra_env)
-    sys.argv = command[2:]
-    runpy.run_module(sys.argv[0], run_name="__main__")
-
-mlflow.server._exec_cmd = become
-mlflow.cli.cli()
-"""
-
 
 @pytest.fixture(scope="session")
 def server(tmp_path_factory: pytest.TempPathFactory, fresh_registry: Path) -> Iterator[str]:
@@ -38,7 +23,7 @@ def server(tmp_path_factory: pytest.TempPathFactory, fresh_registry: Path) -> It
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    command = [sys.executable, "-c", ONE_PROCESS, "server", "--workers", "1", "--host", "127.0.0.1"]
+    command = [sys.executable, "-m", "mlflow", "server", "--workers", "1", "--host", "127.0.0.1"]
     command += ["--port", str(port), "--backend-store-uri", f"sqlite:///{folder / 'mlflow.db'}"]
     command += ["--serve-artifacts", "--artifacts-destination", str(folder / "files")]
     environment = os.environ | {"MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"}

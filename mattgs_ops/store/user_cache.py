@@ -24,13 +24,31 @@ def folder() -> Path:
 
 
 def copied_database(name: str, database: Path) -> bool:
-    """Start an SQLite file from the one kept under a name; False when there is none."""
+    """Start an SQLite file from the one kept under a name; False when there is none.
+
+    One that a crash of the machine left damaged or empty is removed.
+    """
     try:
+        kept = folder() / f"{name}.db"
         with written_whole(database) as partial:
-            shutil.copyfile(folder() / f"{name}.db", partial)
+            shutil.copyfile(kept, partial)
+            if not _is_whole(partial):
+                kept.unlink()
+                raise sqlite3.DatabaseError(f"{kept} is damaged")
     except FAILURES:
         return False
     return True
+
+
+def _is_whole(database: Path) -> bool:
+    """Whether an SQLite file has tables, and all of its pages."""
+    try:
+        with closing(sqlite3.connect(database)) as opened:
+            (found,) = opened.execute("PRAGMA quick_check(1)").fetchone()
+            tables = opened.execute("SELECT name FROM sqlite_master LIMIT 1").fetchone()
+    except sqlite3.DatabaseError:
+        return False
+    return found == "ok" and tables is not None
 
 
 def keep_database(name: str, database: Path, *, without: str = "") -> None:
@@ -63,15 +81,25 @@ class KeptValues:
         return None
 
     def keep(self, key: str, value: Any) -> None:
-        """Keep a value; without the right to, or while others are busy there, do nothing."""
+        """Keep a value; without the right to, or while others are busy there, do nothing.
+
+        A file that is no database is begun anew.
+        """
         with suppress(*FAILURES):
             folder().mkdir(parents=True, exist_ok=True)
-            with self._table() as table:
-                table.execute("PRAGMA synchronous=OFF")  # what is lost is made again
-                table.execute("CREATE TABLE IF NOT EXISTS kept (key TEXT PRIMARY KEY, value TEXT)")
-                text = json.dumps(value)
-                table.execute("INSERT OR REPLACE INTO kept VALUES (?, ?)", (key, text))
-                table.commit()
+            try:
+                self._write(key, json.dumps(value))
+            except sqlite3.OperationalError:  # busy, or not to be written
+                raise
+            except sqlite3.DatabaseError:
+                (folder() / self._name).unlink()
+
+    def _write(self, key: str, text: str) -> None:
+        with self._table() as table:
+            table.execute("PRAGMA synchronous=OFF")  # what is lost is made again
+            table.execute("CREATE TABLE IF NOT EXISTS kept (key TEXT PRIMARY KEY, value TEXT)")
+            table.execute("INSERT OR REPLACE INTO kept VALUES (?, ?)", (key, text))
+            table.commit()
 
     @contextmanager
     def _table(self) -> Iterator[sqlite3.Connection]:

@@ -26,12 +26,15 @@ def test_values_are_found_by_key_in_a_file_of_their_own(cache: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [b"no database" * 100, b""])
-def test_a_file_that_cannot_be_read_holds_nothing(cache: Path, content: bytes) -> None:
+def test_a_file_that_cannot_be_read_holds_nothing_and_is_begun_anew(
+    cache: Path, content: bytes
+) -> None:
     cache.mkdir(parents=True)
     (cache / "some.db").write_bytes(content)
-    KeptValues("some").find("one")
-    KeptValues("some").keep("one", 1)
-    assert KeptValues("some").find("one") == (1 if content == b"" else None)
+    assert KeptValues("some").find("one") is None
+    for _ in range(2):  # the first may only find that the file is none
+        KeptValues("some").keep("one", 1)
+    assert KeptValues("some").find("one") == 1
 
 
 def test_without_a_folder_nothing_is_kept(cache: Path) -> None:
@@ -63,6 +66,18 @@ def test_a_database_starts_as_a_copy_of_the_one_kept_under_its_name(
         assert things(tmp_path / f"{name}.db") == holds
     assert things(first) == ["here"]
     assert sorted(path.name for path in cache.iterdir()) == ["emptied.db", "whole.db"]
+
+
+@pytest.mark.parametrize("left", [0.0, 0.5])
+def test_a_database_that_a_crash_left_damaged_is_removed(
+    cache: Path, tmp_path: Path, left: float
+) -> None:
+    user_cache.keep_database("it", made(tmp_path / "first.db"))
+    content = (cache / "it.db").read_bytes()
+    (cache / "it.db").write_bytes(content[: int(left * len(content))])
+    assert not user_cache.copied_database("it", tmp_path / "new.db")
+    assert not (cache / "it.db").exists()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["cache", "first.db"]
 
 
 def test_without_a_folder_no_database_is_kept_and_nothing_is_lost(

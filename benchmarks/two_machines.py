@@ -84,6 +84,7 @@ def services(folder: Path) -> Iterator[tuple[str, dict[str, psutil.Process]]]:
         stack.callback(server.stop)
         tracking = stack.enter_context(mlflow_server(folder))
         os.environ |= stack.enter_context(object_store())
+        os.environ["MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR"] = "false"
         address = f"tcp://127.0.0.1:{free_port()}"
         dask = [sys.executable, "-m", "dask"]
         scheduler = [*dask, "scheduler", "--host", "127.0.0.1", "--no-dashboard"]
@@ -129,9 +130,7 @@ def mlflow_server(folder: Path) -> Iterator[str]:
     command = [sys.executable, "-m", "mlflow", "server", "--workers", "1", "--port", str(port)]
     command += ["--backend-store-uri", f"sqlite:///{folder / 'mlflow.db'}"]
     command += ["--artifacts-destination", str(folder / "mlflow-artifacts")]
-    os.environ["MLFLOW_SERVER_ENABLE_JOB_EXECUTION"] = "false"
-    os.environ["MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR"] = "false"
-    with _process(command, folder):
+    with _process(command, folder, MLFLOW_SERVER_ENABLE_JOB_EXECUTION="false"):
         yield f"http://127.0.0.1:{port}"
 
 
@@ -144,17 +143,19 @@ def object_store() -> Iterator[dict[str, str]]:
     logging.getLogger("werkzeug").setLevel(logging.ERROR)
     server = ThreadedMotoServer("127.0.0.1", 0, verbose=False)
     server.start()
-    host, port = server.get_host_and_port()
-    variables = {
-        "AWS_ENDPOINT_URL": f"http://{host}:{port}",
-        "AWS_ACCESS_KEY_ID": "test",
-        "AWS_SECRET_ACCESS_KEY": "test",
-        "AWS_DEFAULT_REGION": "us-east-1",
-    }
-    os.environ |= variables
-    fsspec.filesystem("s3").mkdir(BUCKET)
+    address = "http://{}:{}".format(*server.get_host_and_port())
+    # fsspec would hand out the same one again, to whoever reaches another server by the environment
+    files = fsspec.filesystem(
+        "s3", endpoint_url=address, key="test", secret="test", skip_instance_cache=True
+    )
+    files.mkdir(BUCKET)
     try:
-        yield variables
+        yield {
+            "AWS_ENDPOINT_URL": address,
+            "AWS_ACCESS_KEY_ID": "test",
+            "AWS_SECRET_ACCESS_KEY": "test",
+            "AWS_DEFAULT_REGION": "us-east-1",
+        }
     finally:
         server.stop()
 
@@ -177,8 +178,8 @@ def hiding(hidden: list[Path], command: list[str]) -> list[str]:
 
 
 @contextmanager
-def _process(command: list[str], folder: Path) -> Iterator[int]:
-    environment = os.environ | {"MATTGS_WORK": str(folder), "TMPDIR": str(folder)}
+def _process(command: list[str], folder: Path, **variables: str) -> Iterator[int]:
+    environment = os.environ | {"MATTGS_WORK": str(folder), "TMPDIR": str(folder)} | variables
     with (folder / "processes.log").open("ab") as log:
         process = subprocess.Popen(
             command, env=environment, cwd=folder, stdout=log, stderr=subprocess.STDOUT

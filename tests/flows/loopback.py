@@ -10,10 +10,8 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
-from benchmarks.two_machines import free_port, hiding
+from benchmarks.two_machines import WORKERS, free_port, hiding
 from flows.services.dask_cluster import CERTIFICATES
-
-WORKERS = ("worker-a", "worker-b")
 
 
 @contextmanager

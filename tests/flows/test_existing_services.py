@@ -31,10 +31,10 @@ from prefect.client.schemas.objects import FlowRun, TaskRun
 from prefect.settings import PREFECT_API_URL, temporary_settings
 
 from benchmarks import tiny
-from benchmarks.two_machines import BUCKET, mlflow_server, object_store, wait_for
+from benchmarks.two_machines import BUCKET, WORKERS, mlflow_server, object_store, wait_for
 from flows.prefect_ui import artifacts
 from reports.tables.tables import HOLE
-from tests.flows.loopback import WORKERS, dask_over_tls, webhook
+from tests.flows.loopback import dask_over_tls, webhook
 
 pytestmark = pytest.mark.slow
 
@@ -234,9 +234,16 @@ def test_a_failed_run_sends_one_message(ran: Ran) -> None:
     assert f"{len(REASONS)} of 9 experiments failed; report: " in post["text"]
 
 
+def rows_of(ran: Ran) -> list[dict[str, Any]]:
+    rows: list[dict[str, Any]] = json.loads(
+        (ran.folder / "out/benchmarks/tiny/rows.json").read_text()
+    )
+    return rows
+
+
 def test_each_experiment_has_a_row_that_says_how_it_ended(ran: Ran) -> None:
     assert "Traceback" not in ran.printed
-    rows = json.loads((ran.folder / "out/benchmarks/tiny/rows.json").read_text())
+    rows = rows_of(ran)
     assert all(row["run_id"] for row in rows), "failures are recorded too"
     by_cell = {(row["capture"], row["condition"]): row for row in rows}
     finished = {cell for cell, row in by_cell.items() if row["status"] == "finished"}
@@ -251,7 +258,7 @@ def test_each_worker_has_trained_and_what_it_made_came_through_the_store(ran: Ra
     trained = {name: len(list((ran.folder / name).glob("logs/train-*.log"))) for name in WORKERS}
     assert min(trained.values()) > 0, trained
     assert not list((ran.folder / "out").glob("logs/train-*")), "the flow's machine has not"
-    rows = json.loads((ran.folder / "out/benchmarks/tiny/rows.json").read_text())
+    rows = rows_of(ran)
     finished = [row for row in rows if row["status"] == "finished"]
     for row in finished:
         splats = ran.folder / "out" / "store" / row["artifacts"]["train"] / "splats.ply"

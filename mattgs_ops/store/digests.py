@@ -5,7 +5,8 @@ Two folders have the same digest when they hold the same relative names with the
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping
+import os
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -27,15 +28,22 @@ def list_files(folder: Path) -> dict[str, Path]:
     Raises :class:`InputError` for anything that is neither a file nor a folder, links included:
     their contents could change without the digest noticing.
     """
-    found: dict[str, Path] = {}
-    for path in sorted(folder.rglob("*")):
-        if path.is_symlink() or not (path.is_file() or path.is_dir()):
-            raise InputError(
-                f"{path}: expected plain files and folders only, found a link or device"
-            )
-        if path.is_file():
-            found[path.relative_to(folder).as_posix()] = path
-    return dict(sorted(found.items()))
+    return dict(sorted(_below(folder, folder, "")))
+
+
+def _below(folder: Path, place: Path, prefix: str) -> Iterator[tuple[str, Path]]:
+    """Yield the files below ``place``; by names, as every stage looks through its inputs."""
+    with os.scandir(place) as entries:
+        for entry in entries:
+            if entry.is_dir(follow_symlinks=False):
+                yield from _below(folder, place / entry.name, f"{prefix}{entry.name}/")
+            elif entry.is_file(follow_symlinks=False):
+                yield prefix + entry.name, place / entry.name
+            else:
+                raise InputError(
+                    f"{place / entry.name}: expected plain files and folders only, found a link "
+                    "or device"
+                )
 
 
 def folder_digest(folder: Path) -> str:

@@ -154,7 +154,8 @@ def _example_camera(client: Any, run_id: str, folder: Path) -> dict[str, Any] | 
 
 
 def _row(client: Any, run_id: str) -> Row:
-    return checked_row(run_of_row.read_json(client, run_id, ROW_FILE), f"run {run_id}: {ROW_FILE}")
+    row = run_of_row.read_json(client, client.get_run(run_id), ROW_FILE)
+    return checked_row(row, f"run {run_id}: {ROW_FILE}")
 
 
 def _client(tracking_uri: str) -> Any:

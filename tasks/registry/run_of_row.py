@@ -37,30 +37,31 @@ def row_key(row: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:32]
 
 
-def find_or_make(client: Any, experiment: str, row: Row, training: str | None, about: About) -> str:
-    """Return the id of the row's run, made when there is none, with its tags and its dataset."""
-    run_id = find(client, experiment, row, training)
-    if run_id is None:
+def find_or_make(client: Any, experiment: str, row: Row, training: str | None, about: About) -> Any:
+    """Return the row's run, made when there is none, with its tags and its dataset.
+
+    The run is as it was found: it does not know yet what is logged to it here.
+    """
+    run = find(client, experiment, row, training)
+    if run is None:
         name = str(Cell.of(row))
         start = milliseconds(about.began)
         tags = _tags(row, training, about, {})
-        made = client.create_run(experiment, start_time=start, tags=tags, run_name=name)
-        run_id = str(made.info.run_id)
+        run = client.create_run(experiment, start_time=start, tags=tags, run_name=name)
     else:
-        old_tags = client.get_run(run_id).data.tags
-        values.log_tags(client, run_id, _tags(row, training, about, old_tags))
-    dataset.log_dataset(client, run_id, row, about)
-    return run_id
+        values.log_tags(client, run.info.run_id, _tags(row, training, about, run.data.tags))
+    dataset.log_dataset(client, run.info.run_id, row, about)
+    return run
 
 
-def find(client: Any, experiment: str, row: Row, training: str | None) -> str | None:
+def find(client: Any, experiment: str, row: Row, training: str | None) -> Any | None:
     """Return the run of a row; of another training of the same row it is another one."""
     query = f"tags.`{ROW_TAG}` = '{row_key(row)}'"
     found = client.search_runs([experiment], filter_string=query)
     mine = [run for run in found if run.data.tags.get(TRAINING_TAG, training) == training]
     if training is None and not mine:  # it ended before it trained, where others got further
         mine = list(found)
-    return str(mine[0].info.run_id) if mine else None
+    return mine[0] if mine else None
 
 
 def open_run(client: Any, run_id: str) -> None:
@@ -69,23 +70,30 @@ def open_run(client: Any, run_id: str) -> None:
     client.update_run(run_id, status="RUNNING")
 
 
-def has_row(client: Any, run_id: str) -> bool:
+def has_row(client: Any, run: Any) -> bool:
     """Whether the run holds a row; it is stored last, so all else is there with it."""
-    return any(file.path == ROW_FILE for file in client.list_artifacts(run_id))
+    return any(file.path == ROW_FILE for file in _files(client, run).list_artifacts())
 
 
-def read_json(client: Any, run_id: str, file: str) -> Any:
+def read_json(client: Any, run: Any, file: str) -> Any:
     """Return what a JSON file among a run's artifacts holds; leaves no copy behind."""
     with tempfile.TemporaryDirectory(prefix="mattgs-run-") as folder:
-        path = client.download_artifacts(run_id, file, folder)
+        path = _files(client, run).download_artifacts(file, folder)
         return json.loads(Path(path).read_text(encoding="utf-8"))
 
 
-def stored_row(client: Any, run_id: str) -> Row | None:
+def _files(client: Any, run: Any) -> Any:
+    """Return a run's artifacts; by the run's id MLflow would ask its database for each file."""
+    from mlflow.store.artifact.artifact_repository_registry import get_artifact_repository
+
+    return get_artifact_repository(run.info.artifact_uri, client.tracking_uri)
+
+
+def stored_row(client: Any, run: Any) -> Row | None:
     """Return the row that a run holds, None where there is none."""
-    if not has_row(client, run_id):
+    if not has_row(client, run):
         return None
-    row: Row = read_json(client, run_id, ROW_FILE)
+    row: Row = read_json(client, run, ROW_FILE)
     return row
 
 
@@ -109,13 +117,13 @@ def end(client: Any, run_id: str, row: Row, before: Row | None, about: About) ->
     client.set_terminated(run_id, status, milliseconds(about.ended))
 
 
-def update_state(client: Any, run_id: str, row: Row, about: About) -> None:
+def update_state(client: Any, run: Any, row: Row, about: About) -> None:
     """Bring the tags that say how it ended, and the description, up to date."""
-    old_tags = client.get_run(run_id).data.tags
+    old_tags = run.data.tags
     new = _state(row) | description.tags(row, about, old_tags)
     changed = {name: value for name, value in new.items() if old_tags.get(name) != value}
     if changed:
-        values.log_tags(client, run_id, changed)
+        values.log_tags(client, run.info.run_id, changed)
 
 
 def _tags(row: Row, training: str | None, about: About, old_tags: dict[str, str]) -> dict[str, str]:

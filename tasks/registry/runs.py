@@ -122,9 +122,10 @@ def record(
     ``final`` is shown as running.
     """
     client = _client(tracking_uri)
-    run_id = run_of_row.find_or_make(client, experiment, row, training, about)
-    before = run_of_row.stored_row(client, run_id)
-    values.log_changed(client, run_id, row)
+    run = run_of_row.find_or_make(client, experiment, row, training, about)
+    run_id = str(run.info.run_id)
+    before = run_of_row.stored_row(client, run)
+    values.log_changed(client, run, row)
     log_curve(tracking_uri, run_id, curve)
     log_load(tracking_uri, run_id, load)
     if before is None:
@@ -145,17 +146,18 @@ def record(
 
 def finish(tracking_uri: str, row: Row, before: Row, about: About = NOTHING) -> None:
     """Close the run of ``row``, which was recorded as ``before``: bring what is new since."""
-    client, run_id = _client(tracking_uri), before["run_id"]
-    values.log_changed(client, run_id, row)
-    run_of_row.update_state(client, run_id, row, about)
-    run_of_row.end(client, run_id, row, run_of_row.stored_row(client, run_id), about)
+    client = _client(tracking_uri)
+    run = client.get_run(before["run_id"])
+    values.log_changed(client, run, row)
+    run_of_row.update_state(client, run, row, about)
+    run_of_row.end(client, run.info.run_id, row, run_of_row.stored_row(client, run), about)
 
 
 def recorded(tracking_uri: str, experiment: str, row: Row, training: str | None) -> Row | None:
     """Return the row that the run of ``row`` holds already, None where there is none."""
     client = _client(tracking_uri)
-    run_id = run_of_row.find(client, experiment, row, training)
-    return None if run_id is None else run_of_row.stored_row(client, run_id)
+    run = run_of_row.find(client, experiment, row, training)
+    return None if run is None else run_of_row.stored_row(client, run)
 
 
 def begin(
@@ -172,7 +174,8 @@ def begin(
     Its row, recorded later with the same ``training``, finds the same run.
     """
     client = _client(tracking_uri)
-    run_id = run_of_row.find_or_make(client, experiment, row, training, about)
+    run = run_of_row.find_or_make(client, experiment, row, training, about)
+    run_id = str(run.info.run_id)
     run_of_row.open_run(client, run_id)
     values.log_parameters(client, run_id, parameters)
     return run_id
@@ -227,9 +230,9 @@ def rows_of(tracking_uri: str, experiment: str) -> list[Row]:
     others: list[Row] = []
     for run in pages(client, found.experiment_id):
         closed = run.info.status in ("FINISHED", "FAILED")
-        if not closed and not run_of_row.has_row(client, run.info.run_id):
+        if not closed and not run_of_row.has_row(client, run):
             continue  # at work, or killed before it had a row
-        row = run_of_row.read_json(client, run.info.run_id, ROW_FILE)
+        row = run_of_row.read_json(client, run, ROW_FILE)
         checked_row(row, f"run {run.info.run_id}: {ROW_FILE}")
         (others if run.info.status == "KILLED" else ended).append(row)
     return ended + others

@@ -104,7 +104,7 @@ def report_rows(tracking_uri: str, benchmark: str) -> list[Row]:
         summaries = _summaries(client, found.experiment_id)
         if summaries and not _ended_since(client, found.experiment_id, summaries[0]):
             run_id = summaries[0].info.run_id
-            rows = read_json(client, run_id, ROWS_FILE)
+            rows = read_json(client, summaries[0], ROWS_FILE)
             return [checked_row(row, f"run {run_id}: {ROWS_FILE}") for row in rows]
     newest: dict[Any, Row] = {}
     for row in runs.rows(tracking_uri, benchmark):

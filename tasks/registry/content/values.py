@@ -95,11 +95,11 @@ def log_metrics(client: Any, run_id: str, metrics: list[Any]) -> None:
         client.log_batch(run_id, metrics=metrics[start : start + BATCH_METRICS])
 
 
-def log_changed(client: Any, run_id: str, row: Row) -> None:
+def log_changed(client: Any, run: Any, row: Row) -> None:
     """Log the metrics whose values the run does not show already."""
-    logged = client.get_run(run_id).data.metrics
+    logged = run.data.metrics
     new = row_metrics(row, time.time_ns() // 1_000_000)
-    log_metrics(client, run_id, [m for m in new if logged.get(m.key) != m.value])
+    log_metrics(client, run.info.run_id, [m for m in new if logged.get(m.key) != m.value])
 
 
 def log_tags(client: Any, run_id: str, tags: Mapping[str, str]) -> None:

@@ -3,6 +3,7 @@
 import os
 import tempfile
 from collections.abc import Iterator
+from multiprocessing import util
 from pathlib import Path
 
 import pytest
@@ -30,6 +31,7 @@ def own_temporary_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[N
 
     Neither other processes of the same test run nor benchmarks that run beside wait for them.
     """
+    util.get_temp_dir()  # of multiprocessing's sockets: it removes that itself, when all has ended
     folder = str(tmp_path_factory.mktemp("temporary"))
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("TMPDIR", folder)

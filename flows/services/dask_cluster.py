@@ -7,12 +7,14 @@ resources, and all of them this package in this version.
 """
 
 import logging
+import os
 import signal
+import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
-from multiprocessing import resource_tracker
+from multiprocessing import forkserver, resource_tracker
 from pathlib import Path
 from typing import Any
 
@@ -75,11 +77,13 @@ def started(out: Path, run: RunConfig) -> Iterator[Cluster]:
         with _certificates(run):
             yield _existing(run.dask_scheduler, run)
         return
+    with _spared_ctrl_c():
+        forked = start_forking()
     import dask
     from distributed import LocalCluster
 
     retries = {"distributed.scheduler.allowed-failures": run.retries + 2}
-    with dask.config.set(IDLE | retries), _spared_ctrl_c():
+    with dask.config.set(IDLE | forked | retries), _spared_ctrl_c():
         cluster = LocalCluster(
             n_workers=worker_count(run),
             threads_per_worker=1,
@@ -90,11 +94,30 @@ def started(out: Path, run: RunConfig) -> Iterator[Cluster]:
             silence_logs=logging.CRITICAL,
             preload=[WORKER_IMPORTS],  # else each worker's first stage waits for it
             resources=needed(run),
+            env=dict(os.environ),  # forked by a process of an earlier environment, perhaps
         )
     try:
         yield Cluster(cluster.scheduler_address, cluster.dashboard_link)
     finally:
         cluster.close(timeout=10)
+
+
+def start_forking() -> dict[str, str]:
+    """Start the process that workers are forked from, which imports what they need.
+
+    Each worker would take seconds for that. Returns what Dask must know of it: nothing where
+    workers have to import for themselves, as libraries of the system may not bear a fork (elsewhere
+    than on Linux), or as it cannot be reached (its socket lies in the temporary folder, whose path
+    may be longer than a socket's can be).
+    """
+    if sys.platform != "linux":
+        return {}
+    forkserver.set_forkserver_preload(["distributed", WORKER_IMPORTS])
+    try:
+        forkserver.ensure_running()
+    except OSError:
+        return {}
+    return {"distributed.worker.multiprocessing-method": "forkserver"}
 
 
 @contextmanager

@@ -16,7 +16,13 @@ import pytest
 from distributed import Client, LocalCluster
 from distributed.security import Security
 
-from flows.services.dask_cluster import CERTIFICATES, needed, started, worker_count
+from flows.services.dask_cluster import (
+    CERTIFICATES,
+    needed,
+    start_forking,
+    started,
+    worker_count,
+)
 from mattgs_ops.config import RunConfig
 from mattgs_ops.errors import InputError
 from tasks.stages.stage import PACKAGE
@@ -56,6 +62,32 @@ def test_our_own_workers_rest_while_their_stages_work(tmp_path: Path) -> None:
         ).values()
     assert "profile" not in calls
     assert min(calls.values()) >= 500, "milliseconds"
+
+
+def test_workers_have_the_environment_of_now(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They are forked from a process that has that of the first cluster."""
+    start_forking()
+    monkeypatch.setenv("MATTGS_TEST", "now")
+    with started(tmp_path, RunConfig(workers=1)) as cluster, Client(cluster.scheduler) as client:
+        (found,) = client.run(lambda: os.environ.get("MATTGS_TEST")).values()
+    assert found == "now"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere workers import for themselves")
+def test_workers_import_for_themselves_where_a_socket_has_no_place(tmp_path: Path) -> None:
+    program = "from flows.services import dask_cluster; print(dask_cluster.start_forking())"
+    found = {}
+    for name in ("short", "long" * 20):
+        (tmp_path / name).mkdir()
+        found[name] = subprocess.check_output(
+            [sys.executable, "-c", program],
+            env=os.environ | {"TMPDIR": str(tmp_path / name)},
+            text=True,
+        )
+    assert found["short"] == "{'distributed.worker.multiprocessing-method': 'forkserver'}\n"
+    assert found["long" * 20] == "{}\n"
 
 
 def test_ctrl_c_is_not_for_our_workers(tmp_path: Path) -> None:

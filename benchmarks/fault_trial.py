@@ -87,6 +87,14 @@ class Trial:
                 return child
         raise RuntimeError(f"no process with {word!r}")
 
+    def training(self) -> psutil.Process:
+        """Return the process of a training: forked by a launcher, which a Dask worker started."""
+        launchers = [c for c in self.children if "tasks.stages.launcher" in " ".join(c.cmdline())]
+        for child in launchers:
+            if child.parent() in launchers:
+                return child
+        raise RuntimeError("no launcher has a stage")
+
     def survivors(self) -> int:
         """Count the flow's processes that are still there after a while."""
         _, alive = psutil.wait_procs(self.children, timeout=SETTLE_SECONDS)

@@ -65,12 +65,12 @@ def _signalled(trial: Trial, number: signal.Signals) -> str:
 
 def kill_training(trial: Trial) -> str:
     """End a training's own process."""
-    return _killed(trial, lambda: trial.process("tasks.stages.process"))
+    return _killed(trial, trial.training)
 
 
 def kill_worker(trial: Trial) -> str:
     """End the Dask worker that has a training below it."""
-    return _killed(trial, lambda: trial.process("tasks.stages.process").parent())
+    return _killed(trial, lambda: trial.training().parent().parent())
 
 
 def kill_server(trial: Trial) -> str:

@@ -25,7 +25,7 @@ ROOMS = {
         "store": {"timing"},
         "capture": set(),
         "synthetic": {"capture"},
-        "segment": {"capture", "synthetic"},
+        "segment": {"capture", "store", "synthetic"},
         "sfm": {"capture"},
         "splat": {"capture", "timing"},
         "trainers": {"capture", "splat", "store", "timing"},

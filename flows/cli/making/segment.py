@@ -60,9 +60,9 @@ def quantize_network(
     from mattgs_ops.segment.network.batches import unseen_inputs
     from mattgs_ops.segment.network.saliency import SaliencyNetwork
     from mattgs_ops.segment.network.train_config import load_train_config
+    from mattgs_ops.segment.onnx_files.quantize import quantize
     from mattgs_ops.segment.outline.images import unseen_crops
     from mattgs_ops.segment.outline.train_config import load_outline_config
-    from mattgs_ops.segment.quantize import quantize
 
     if outline:
         inputs = unseen_crops(load_outline_config(config), images)

@@ -4,7 +4,7 @@ The file has one input ``image`` [N, 3, S, S] float32, S the largest side of the
 output ``saliency`` [N, 1, S, S] in 0..1, and what each network says by itself in ``saliency/1``,
 ``saliency/2``, … Inside, the image is resized to each network's side; each
 map is stretched to 0..1, as ``saliency.stretched`` does it, resized to S, and the mean is taken
-(an ensemble by averaging: Hansen and Salamon 1990). Networks in eight bits (``segment.quantize``)
+(an ensemble by averaging: Hansen and Salamon 1990). Networks in eight bits (``onnx_files``)
 stay as they are. Weights of others are stored in half precision and computed with in single
 precision, so that two networks need the room of one.
 """
@@ -21,7 +21,7 @@ from onnx import GraphProto, ModelProto, NodeProto, TensorProto, compose, helper
 
 from mattgs_ops.errors import InputError, StageError
 from mattgs_ops.segment.network.saliency import LEAST_CONTRAST, SALIENCY, SaliencyNetwork, stretched
-from mattgs_ops.segment.onnx_file import OPSET
+from mattgs_ops.segment.onnx_files.onnx_file import OPSET
 
 # on probabilities: half precision keeps 11 bits of a weight; through the hundred layers of the
 # bundled networks that became 0.0007, which leaves room for other networks

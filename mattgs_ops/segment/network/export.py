@@ -12,7 +12,7 @@ import torch
 from torch import Tensor, nn
 
 from mattgs_ops.segment.network.u2net import U2Net
-from mattgs_ops.segment.onnx_file import write_model
+from mattgs_ops.segment.onnx_files.onnx_file import write_model
 
 
 class _Fused(nn.Module):

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from mattgs_ops.capture.masks import SoftMap
 from mattgs_ops.errors import InputError, StageError
 from mattgs_ops.segment.network.preprocess import network_input
-from mattgs_ops.segment.onnx_file import open_model
+from mattgs_ops.segment.onnx_files.onnx_file import open_model
 
 # made by ``mattgs segment quantize`` and ``combine`` of three networks beside it
 BUNDLED_MODEL = Path(__file__).resolve().parents[2] / "bundled" / "segmenter" / "u2netp-trio.onnx"

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mattgs_ops.capture.masks import HALF, Mask, SoftMap, disc
-from mattgs_ops.segment.onnx_file import open_model
+from mattgs_ops.segment.onnx_files.onnx_file import open_model
 from mattgs_ops.segment.outline.network import MULTIPLE
 
 BUNDLED = Path(__file__).resolve().parents[2] / "bundled" / "segmenter"

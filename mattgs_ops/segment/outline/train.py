@@ -20,7 +20,7 @@ from torch.nn import functional
 
 from mattgs_ops.errors import InputError, StageError
 from mattgs_ops.progress import Progress, no_progress
-from mattgs_ops.segment.onnx_file import write_model
+from mattgs_ops.segment.onnx_files.onnx_file import write_model
 from mattgs_ops.segment.outline.crops import Drawn, Pair, batch, load_pairs
 from mattgs_ops.segment.outline.images import draw_images
 from mattgs_ops.segment.outline.network import MULTIPLE, OutlineNet

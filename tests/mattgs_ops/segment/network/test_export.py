@@ -7,11 +7,11 @@ import pytest
 import torch
 
 from mattgs_ops.errors import StageError
-from mattgs_ops.segment import onnx_file
 from mattgs_ops.segment.network import export as exporting
 from mattgs_ops.segment.network.preprocess import network_input
 from mattgs_ops.segment.network.saliency import SaliencyNetwork
 from mattgs_ops.segment.network.u2net import U2Net
+from mattgs_ops.segment.onnx_files import onnx_file
 
 
 def test_torch_and_onnx_runtime_agree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

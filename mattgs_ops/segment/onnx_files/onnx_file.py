@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mattgs_ops.errors import InputError, StageError
+from mattgs_ops.segment.onnx_files.optimized_model import open_optimized
 
 TOLERANCE = 1e-3  # on probabilities: float32 sums in another order, through a hundred layers
 OPSET = 17  # understood by every ONNX Runtime since 1.12
@@ -17,27 +18,36 @@ OPSET = 17  # understood by every ONNX Runtime since 1.12
 # most of the gain in speed, on CPUs with VNNI too, where nothing overflows.
 EXACT_PRODUCTS = "session.x64quantprecision"
 CPU_FILE = Path("/proc/cpuinfo")
+BUNDLED = Path(__file__).resolve().parents[2] / "bundled" / "segmenter"
 
 
 def open_model(path: Path, threads: int, what: str) -> Any:
     """Open ``path`` in ONNX Runtime; ``what`` names the kind of model in errors.
 
-    Raises :class:`InputError` where there is no file, or none that ONNX Runtime can read.
+    What ONNX Runtime makes of a bundled file is kept (``optimized_model.py``). Raises
+    :class:`InputError` where there is no file, or none that ONNX Runtime can read.
     """
     import onnxruntime
 
     if not path.is_file():
         raise InputError(f"{path}: expected {what} (ONNX), found no such file")
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = threads
-    options.inter_op_num_threads = 1
-    options.log_severity_level = 3  # errors only
-    # idle threads must sleep: spinning starves everything else on a shared machine
-    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
-    if not has_vnni():
-        options.add_session_config_entry(EXACT_PRODUCTS, "1")
+    exact = not has_vnni()
+
+    def options() -> Any:
+        chosen = onnxruntime.SessionOptions()
+        chosen.intra_op_num_threads = threads
+        chosen.inter_op_num_threads = 1
+        chosen.log_severity_level = 3  # errors only
+        # idle threads must sleep: spinning starves everything else on a shared machine
+        chosen.add_session_config_entry("session.intra_op.allow_spinning", "0")
+        if exact:
+            chosen.add_session_config_entry(EXACT_PRODUCTS, "1")
+        return chosen
+
     try:
-        return onnxruntime.InferenceSession(str(path), options, ["CPUExecutionProvider"])
+        if path.parent == BUNDLED:
+            return open_optimized(path, options, like={"exact": exact})
+        return onnxruntime.InferenceSession(str(path), options(), ["CPUExecutionProvider"])
     except Exception as error:  # ONNX Runtime's own types are not public
         raise InputError(f"{path}: expected {what} (ONNX): {error}") from error
 

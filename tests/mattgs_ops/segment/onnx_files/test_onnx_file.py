@@ -8,7 +8,7 @@ import pytest
 from onnx import TensorProto, helper, numpy_helper
 
 from mattgs_ops.segment.network.saliency import BUNDLED_MODEL, SaliencyNetwork
-from mattgs_ops.segment.onnx_file import has_vnni, open_model
+from mattgs_ops.segment.onnx_files.onnx_file import has_vnni, open_model
 
 CHANNELS = 64
 

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from onnx import numpy_helper
 
 from mattgs_ops.errors import InputError, StageError
-from mattgs_ops.segment import quantize as eight_bits
 from mattgs_ops.segment.network.saliency import BUNDLED_MODEL, SaliencyNetwork
+from mattgs_ops.segment.onnx_files import quantize as eight_bits
+from mattgs_ops.segment.onnx_files.quantize import outer_convolutions, quantize
 from mattgs_ops.segment.outline.refine import BUNDLED_OUTLINE
-from mattgs_ops.segment.quantize import outer_convolutions, quantize
 from tests.mattgs_ops.segment.small_network import write_network
 
 SIDE = 32

@@ -23,7 +23,7 @@ from onnxruntime.quantization import (
 )
 
 from mattgs_ops.errors import StageError
-from mattgs_ops.segment.onnx_file import open_model
+from mattgs_ops.segment.onnx_files.onnx_file import open_model
 
 # Mean difference of maps, of probability. The bundled networks came to 0.002 to 0.003 on the inputs
 # that they were fitted to (the command prints it); one that is ten times worse is broken.

@@ -11,10 +11,12 @@ import ast
 import hashlib
 import sys
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from threading import Lock
 
 from mattgs_ops.errors import InputError
 from mattgs_ops.store.digests import file_digest, json_digest
@@ -54,6 +56,8 @@ STAGES: dict[str, tuple[str, ...]] = {
 }
 PARSED_BY = 1  # raised when `_parse` finds something else in the same file
 KEPT = KeptValues("sources")
+PARSING = Lock()
+PARSE_TRIES = 5  # beside other libraries' threads that parse
 TRUTH = ("mattgs_ops.score.truth",)  # what renders are compared with
 TRAINERS = ("mattgs_ops.trainers",)  # behind trainings by other programs
 
@@ -162,8 +166,21 @@ def _parsed(path: Path, changed: int, size: int) -> _Source:
     return found
 
 
+def syntax_tree(text: bytes, path: Path) -> ast.Module:
+    """Parse a source file, as the only thread here that does.
+
+    Python 3.11 counts how deep it is in a tree for all threads together, and refuses one where it
+    was switched to another thread meanwhile (python/cpython#106905); so may another library do.
+    """
+    with PARSING:
+        for _ in range(PARSE_TRIES):
+            with suppress(SystemError):
+                return ast.parse(text, filename=str(path))
+        return ast.parse(text, filename=str(path))
+
+
 def _parse(text: bytes, path: Path) -> _Source:
-    tree = ast.parse(text, filename=str(path))
+    tree = syntax_tree(text, path)
     imports: list[tuple[int, str]] = []
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):

@@ -78,16 +78,17 @@ def test_workers_have_the_environment_of_now(
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere workers import for themselves")
 def test_workers_import_for_themselves_where_a_socket_has_no_place(tmp_path: Path) -> None:
     program = "from flows.services import dask_cluster; print(dask_cluster.start_forking())"
-    found = {}
-    for name in ("short", "long" * 20):
-        (tmp_path / name).mkdir()
-        found[name] = subprocess.check_output(
-            [sys.executable, "-c", program],
-            env=os.environ | {"TMPDIR": str(tmp_path / name)},
-            text=True,
-        )
-    assert found["short"] == "{'distributed.worker.multiprocessing-method': 'forkserver'}\n"
-    assert found["long" * 20] == "{}\n"
+    deep = tmp_path / ("deep" * 20)
+    deep.mkdir()
+    usual = {key: value for key, value in os.environ.items() if key != "TMPDIR"}
+    printed = [
+        subprocess.check_output([sys.executable, "-c", program], env=variables, text=True)
+        for variables in (usual, usual | {"TMPDIR": str(deep)})
+    ]
+    assert printed == [
+        "{'distributed.worker.multiprocessing-method': 'forkserver'}\n",
+        "{}\n",
+    ]
 
 
 def test_ctrl_c_is_not_for_our_workers(tmp_path: Path) -> None:

@@ -1,12 +1,22 @@
 """The code version changes when what a stage runs changes, and only then."""
 
 import os
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
+import mattgs_ops.config
 from mattgs_ops.errors import InputError
-from mattgs_ops.store.code_version import ROOT, STAGES, code_version, dependencies, digest_modules
+from mattgs_ops.store.code_version import (
+    ROOT,
+    STAGES,
+    code_version,
+    dependencies,
+    digest_modules,
+    syntax_tree,
+)
 
 SOURCES = {
     "mattgs_ops/__init__.py": '"""Root."""\n',
@@ -134,6 +144,35 @@ def test_the_training_depends_on_the_engine_and_not_on_the_segmenter() -> None:
     files = {str(path.relative_to(ROOT)) for path in dependencies(STAGES["train"])[0]}
     assert "mattgs_ops/splat/rasterize.py" in files
     assert not any(name.startswith(("mattgs_ops/segment", "mattgs_ops/sfm/")) for name in files)
+
+
+class Switch:
+    """Lets another thread go on when it is collected, as objects with locks or files do."""
+
+    def __init__(self) -> None:
+        self.me = self  # only the collector removes it, which begins anywhere
+
+    def __del__(self) -> None:
+        time.sleep(0)
+
+
+def test_several_threads_may_parse_at_once() -> None:
+    source = Path(mattgs_ops.config.__file__)
+    text, end = source.read_bytes(), time.monotonic() + 3
+    refused: list[SystemError] = []
+
+    def parse() -> None:
+        while time.monotonic() < end:
+            _ = [Switch() for _ in range(3)]
+            try:
+                syntax_tree(text, source)
+            except SystemError as error:
+                refused.append(error)
+
+    with ThreadPoolExecutor(3) as threads:
+        for _ in range(3):
+            threads.submit(parse)
+    assert not refused
 
 
 def test_weights_count_where_their_module_is_imported(root: Path) -> None:

@@ -72,17 +72,17 @@ def open_run(client: Any, run_id: str) -> None:
 
 def has_row(client: Any, run: Any) -> bool:
     """Whether the run holds a row; it is stored last, so all else is there with it."""
-    return any(file.path == ROW_FILE for file in _files(client, run).list_artifacts())
+    return any(file.path == ROW_FILE for file in files_of(client, run).list_artifacts())
 
 
 def read_json(client: Any, run: Any, file: str) -> Any:
     """Return what a JSON file among a run's artifacts holds; leaves no copy behind."""
     with tempfile.TemporaryDirectory(prefix="mattgs-run-") as folder:
-        path = _files(client, run).download_artifacts(file, folder)
+        path = files_of(client, run).download_artifacts(file, folder)
         return json.loads(Path(path).read_text(encoding="utf-8"))
 
 
-def _files(client: Any, run: Any) -> Any:
+def files_of(client: Any, run: Any) -> Any:
     """Return a run's artifacts; by the run's id MLflow would ask its database for each file."""
     from mlflow.store.artifact.artifact_repository_registry import get_artifact_repository
 

@@ -18,7 +18,7 @@ from mattgs_ops.naming import checked_row
 from tasks.registry import runs
 from tasks.registry.content import description
 from tasks.registry.project import experiment_name
-from tasks.registry.run_of_row import RECORDED_TAG, Row, read_json
+from tasks.registry.run_of_row import RECORDED_TAG, Row, files_of, read_json
 from tasks.stages.stage import Cell
 
 SUMMARY_TAG = "mattgs.summary"
@@ -67,14 +67,13 @@ def purge(tracking_uri: str, *, dry_run: bool = False) -> list[str]:
     The runs themselves stay in MLflow's list of deleted ones, until `mlflow gc`.
     """
     from mlflow.entities import ViewType
-    from mlflow.store.artifact.artifact_repository_registry import get_artifact_repository
     from mlflow.tracking import MlflowClient
 
     client: Any = MlflowClient(tracking_uri=tracking_uri)
     experiments = [one.experiment_id for one in client.search_experiments()]
     query, purged = f"tags.`{SUMMARY_TAG}` != ''", []
     for run in client.search_runs(experiments, query, ViewType.DELETED_ONLY):
-        files = get_artifact_repository(run.info.artifact_uri, tracking_uri)
+        files = files_of(client, run)
         if files.list_artifacts():
             if not dry_run:
                 files.delete_artifacts()

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from mattgs_ops.capture.masks import SoftMap
 from mattgs_ops.errors import InputError, StageError
 from mattgs_ops.segment.network.preprocess import network_input
-from mattgs_ops.segment.onnx_files.onnx_file import open_model
+from mattgs_ops.segment.onnx_files.onnx_file import BUNDLED, open_model
 
 # made by ``mattgs segment quantize`` and ``combine`` of three networks beside it
-BUNDLED_MODEL = Path(__file__).resolve().parents[2] / "bundled" / "segmenter" / "u2netp-trio.onnx"
+BUNDLED_MODEL = BUNDLED / "u2netp-trio.onnx"
 DEFAULT_SIZE = 320  # for files that leave the size open; what U²-Net was published with
 LEAST_CONTRAST = 0.05  # of probability; a map flatter than this has found nothing
 SALIENCY = "saliency"  # the output of files made here; what their networks say is "saliency/1", …

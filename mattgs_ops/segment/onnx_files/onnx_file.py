@@ -9,7 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mattgs_ops.errors import InputError, StageError
-from mattgs_ops.segment.onnx_files.optimized_model import open_optimized
+from mattgs_ops.segment.onnx_files.optimized_model import (
+    CPU_FILE,
+    cpu_flags,
+    open_optimized,
+    open_session,
+)
 
 TOLERANCE = 1e-3  # on probabilities: float32 sums in another order, through a hundred layers
 OPSET = 17  # understood by every ONNX Runtime since 1.12
@@ -17,7 +22,6 @@ OPSET = 17  # understood by every ONNX Runtime since 1.12
 # Without it x86 CPUs that lack VNNI add products of eight bits in sixteen, which overflow. It costs
 # most of the gain in speed, on CPUs with VNNI too, where nothing overflows.
 EXACT_PRODUCTS = "session.x64quantprecision"
-CPU_FILE = Path("/proc/cpuinfo")
 BUNDLED = Path(__file__).resolve().parents[2] / "bundled" / "segmenter"
 
 
@@ -47,19 +51,14 @@ def open_model(path: Path, threads: int, what: str) -> Any:
     try:
         if path.parent == BUNDLED:
             return open_optimized(path, options, like={"exact": exact})
-        return onnxruntime.InferenceSession(str(path), options(), ["CPUExecutionProvider"])
+        return open_session(path, options())
     except Exception as error:  # ONNX Runtime's own types are not public
         raise InputError(f"{path}: expected {what} (ONNX): {error}") from error
 
 
 def has_vnni(cpu_file: Path = CPU_FILE) -> bool:
     """Whether the CPU adds products of eight bits in 32 (AVX-512 VNNI or AVX-VNNI); Linux only."""
-    try:
-        lines = cpu_file.read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError:
-        return False
-    flags = next((line.split() for line in lines if line.startswith("flags")), [])
-    return not {"avx512_vnni", "avx_vnni"}.isdisjoint(flags)
+    return not {"avx512_vnni", "avx_vnni"}.isdisjoint(cpu_flags(cpu_file).split())
 
 
 def write_model(

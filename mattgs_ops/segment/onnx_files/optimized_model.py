@@ -33,21 +33,21 @@ def open_optimized(path: Path, options: Callable[[], Any], like: object) -> Any:
         kept = _find(name)
         return _keep(path, options(), name) if kept is None else _open_kept(kept, options())
     except Exception:  # whatever ONNX Runtime or the disk say of the cache
-        return _open(path, options())
+        return open_session(path, options())
 
 
 def _made_for(path: Path, like: object) -> str:
     """Return the digest of all that the optimised file hangs on."""
     import onnxruntime
 
-    found = [file_digest(path), onnxruntime.__version__, platform.machine(), _cpu_flags(), like]
+    found = [file_digest(path), onnxruntime.__version__, platform.machine(), cpu_flags(), like]
     return json_digest(found)
 
 
-def _cpu_flags() -> str:
+def cpu_flags(cpu_file: Path = CPU_FILE) -> str:
     """Return what the CPU can do, by which ONNX Runtime chooses; empty elsewhere than on Linux."""
     with suppress(OSError):
-        text = CPU_FILE.read_text(encoding="utf-8", errors="replace")
+        text = cpu_file.read_text(encoding="utf-8", errors="replace")
         lines = text.splitlines()
         return next((line for line in lines if line.startswith(("flags", "Features"))), "")
     return ""
@@ -66,7 +66,8 @@ def _place(name: str, digest: str) -> Path:
     return user_cache.folder() / f"{name}-{digest[:DIGEST_LETTERS]}.onnx"
 
 
-def _open(path: Path, options: Any) -> Any:
+def open_session(path: Path, options: Any) -> Any:
+    """Return an ONNX Runtime session on the CPU; raises what ONNX Runtime does."""
     import onnxruntime
 
     return onnxruntime.InferenceSession(str(path), options, ["CPUExecutionProvider"])
@@ -76,7 +77,7 @@ def _open_kept(path: Path, options: Any) -> Any:
     from onnxruntime import GraphOptimizationLevel
 
     options.graph_optimization_level = GraphOptimizationLevel.ORT_DISABLE_ALL  # it was all done
-    return _open(path, options)
+    return open_session(path, options)
 
 
 def _keep(path: Path, options: Any, name: str) -> Any:
@@ -86,7 +87,7 @@ def _keep(path: Path, options: Any, name: str) -> Any:
     with TemporaryDirectory(dir=cache) as folder:
         new = Path(folder) / path.name
         options.optimized_model_filepath = str(new)
-        session = _open(path, options)
+        session = open_session(path, options)
         new.replace(_place(name, file_digest(new)))
     for old in cache.glob(f"{path.stem}-*.onnx"):
         if time.time() - old.stat().st_mtime > UNUSED_DAYS * 86400:

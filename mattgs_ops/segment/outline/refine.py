@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mattgs_ops.capture.masks import HALF, Mask, SoftMap, disc
-from mattgs_ops.segment.onnx_files.onnx_file import open_model
+from mattgs_ops.segment.onnx_files.onnx_file import BUNDLED, open_model
 from mattgs_ops.segment.outline.network import MULTIPLE
 
-BUNDLED = Path(__file__).resolve().parents[2] / "bundled" / "segmenter"
 # made by ``mattgs segment outline`` with the recipe beside it, then ``mattgs segment quantize``
 BUNDLED_OUTLINE = BUNDLED / "outline-int8.onnx"
 LONGEST_SIDE = 1024  # pixels: larger photos are shrunk, so that errors span as much as learnt

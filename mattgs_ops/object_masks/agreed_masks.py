@@ -5,7 +5,7 @@ holds the decision, which views kept their own mask, and how much the others' ch
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +25,9 @@ from mattgs_ops.capture.masks import (
 )
 from mattgs_ops.capture.photos import read_rgb, write_png
 from mattgs_ops.capture.scene import PreparedCapture, Scene, View
+from mattgs_ops.object_masks.contradictions.shared_outlines import masks_at_shared_outlines
+from mattgs_ops.object_masks.contradictions.shared_points import masks_at_shared_points
 from mattgs_ops.object_masks.photo_evidence.edges import to_photo_edges
-from mattgs_ops.object_masks.shared_points import masks_at_shared_points
 from mattgs_ops.object_masks.silhouettes import CONTRADICT, iou
 from mattgs_ops.parallel import over_views
 from mattgs_ops.segment.mask_report import MaskReport, ViewReport, border_share, flags_of
@@ -82,7 +83,7 @@ def write(
     flags = flags_of(shares, borders, differs)
     agreed_scene = Scene.load(out)
     rows = [replace(one.row, flags=flag) for one, flag in zip(written, flags, strict=True)]
-    reports, shared_points = _compared(agreed_scene, rows, threads)
+    reports, found = _compared(agreed_scene, before.source, rows, threads)
     MaskReport(before.source, "votes", before.model, reports).save(out / "masks.json")
     points = vote(agreed_scene.views, read_model(out / "sparse" / "0"), threads=threads)
     points = visual_hull.with_random(points, scene.points(), agreed_scene.views)
@@ -96,8 +97,8 @@ def write(
             "kept": [one.row.name for one in written if one.overlap is None],
             "overlap": overlaps,
             "mean_iou_before": before.mean_iou,
-            "shared_points": shared_points,
-        },
+        }
+        | found,
     }
     done = replace(agreed_scene, extra=extra)
     done.save(points)
@@ -128,32 +129,37 @@ def _write_view(
 def keep(scene: Scene, out: Path, before: MaskReport, reason: str, *, threads: int) -> Scene:
     """Return the copy of ``scene`` in ``out`` with its masks as they are, and the reason.
 
-    They are tested at the points that two photos show all the same: a user's masks may be in the
-    wrong order.
+    They are compared with each other all the same: a user's masks may be in the wrong order.
     """
     copied = Scene.load(out)
-    reports, shared_points = _compared(copied, before.views, threads)
+    reports, found = _compared(copied, before.source, before.views, threads)
     replace(before, views=reports).save(out / "masks.json")
-    agreement = {"none": reason, "shared_points": shared_points}
+    agreement = {"none": reason} | found
     kept = replace(copied, extra=dict(scene.extra) | {"agreement": agreement})
     kept.save(scene.points())
     return kept
 
 
 def _compared(
-    scene: Scene, rows: Sequence[ViewReport], threads: int
+    scene: Scene, source: str, rows: Sequence[ViewReport], threads: int
 ) -> tuple[tuple[ViewReport, ...], dict[str, Any]]:
-    """Test a scene's masks at the points that two photos show.
+    """Test a scene's masks at the points that two photos show, and by what they predict of others.
 
     Returns the views' rows, those that contradict others flagged, and what ``extra["agreement"]``
-    holds as ``shared_points``.
+    holds of both tests. Masks that cover whole photos have no outlines.
     """
     shared, contradict = masks_at_shared_points(scene, threads=threads)
+    outlines = masks_at_shared_outlines(scene, threads=threads) if source != "none" else None
+    wrong = {*contradict, *(outlines.contradict if outlines else ())}
     flagged = tuple(
-        replace(row, flags=(*row.flags, "contradicts")) if row.name in contradict else row
+        replace(row, flags=(*row.flags, "contradicts")) if row.name in wrong else row
         for row in rows
     )
-    return flagged, {"share": shared.shared, "contradict": contradict}
+    return flagged, {
+        "shared_points": {"share": shared.shared, "contradict": contradict},
+        "shared_outlines": outlines
+        and asdict(outlines) | {"contradict": list(outlines.contradict)},
+    }
 
 
 def _mask(soft: SoftMap, view: View, refiner: OutlineRefiner, *, plain_ground: bool) -> Mask:

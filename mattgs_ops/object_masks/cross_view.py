@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mattgs_ops.capture.camera import Camera
-from mattgs_ops.capture.masks import SoftMap, map_folders, mask_name, read_map
+from mattgs_ops.capture.masks import SoftMap, map_folders, mask_name
 from mattgs_ops.capture.photos import read_rgb
 from mattgs_ops.capture.scene import PreparedCapture, Scene, View
 from mattgs_ops.object_masks import own_maps, silhouettes
@@ -33,7 +33,7 @@ from mattgs_ops.object_masks.agreed_masks import keep, write
 from mattgs_ops.object_masks.map_scores import ViewMaps
 from mattgs_ops.object_masks.photo_evidence.colours import ColourEvidence, cut_by_colours
 from mattgs_ops.object_masks.photo_evidence.plain_ground import PlainGround, correct_by_ground
-from mattgs_ops.object_masks.splats.labels import shrunk
+from mattgs_ops.object_masks.splats.labels import read_shrunk, shrunk
 from mattgs_ops.object_masks.splats.surfaces import train_surfaces
 from mattgs_ops.object_masks.vote_variants import Outcome, VoteVariants
 from mattgs_ops.parallel import over_views
@@ -145,12 +145,7 @@ def _offered(
     """Return the maps [H, W] of the mean and of each network, one a view, at the cameras' sizes."""
     folders = map_folders(scene.folder / "soft")
     paths = ([folder / mask_name(view.name) for view in views] for folder in folders)
-    return [over_views(_map, one, cameras, threads=threads) for one in paths]
-
-
-def _map(path: Path, camera: Camera) -> SoftMap:
-    """Read a map [H, W] in [0, 1] at a camera's size."""
-    return shrunk((read_map(path) / np.float32(255)).astype(np.float32), camera)
+    return [over_views(read_shrunk, one, cameras, threads=threads) for one in paths]
 
 
 def _single_networks(folder: str, names: list[str]) -> list[str]:

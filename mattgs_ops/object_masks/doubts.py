@@ -15,6 +15,7 @@ from mattgs_ops.naming import listed_names
 from mattgs_ops.object_masks.silhouettes import CONTRADICT
 from mattgs_ops.segment.contradictions import LEAST_SHARED
 from mattgs_ops.segment.mask_report import FRAME_SHARE, MaskReport
+from mattgs_ops.sfm.lost_views import MOST_VIEWS
 
 MANY = 0.5  # of the views: a flag that more than half of them carry is the capture's
 DIFFERENT_EXPOSURE = 0.5  # stops: cameras set exposure in steps of thirds
@@ -48,6 +49,7 @@ def of_poses(extra: Mapping[str, Any]) -> list[Doubt]:
     """Return what to say of poses; ``extra`` is the scene's own."""
     serious = bool(extra.get("poses_in_doubt"))
     doubts = [Doubt("poses", text, serious) for text in extra.get("warnings") or ()]
+    doubts += _through_cameras(extra.get("agreement") or {})
     if any(FROM_OBJECT in step for step in extra.get("fallbacks") or ()):
         text = (
             "the object turns against what surrounds it, and poses hold for the object alone: with "
@@ -95,6 +97,33 @@ def _contradictions(agreement: Mapping[str, Any]) -> list[str]:
             f"{CONTRADICT}"
         )
     return notes
+
+
+def _through_cameras(agreement: Mapping[str, Any]) -> list[Doubt]:
+    """Say which masks the others contradict through the cameras, and whether cameras are why.
+
+    More than a twentieth of them are as many as may have no camera at all before there is no
+    verdict (:data:`MOST_VIEWS`).
+    """
+    outlines = agreement.get("shared_outlines") or {}
+    names = list(outlines.get("contradict") or ())
+    if not names:
+        return []
+    points = agreement.get("shared_points") or {}
+    sound = (points.get("share") or 0.0) >= LEAST_SHARED
+    cause = "masks or cameras are wrong there"
+    if sound and not set(names) & set(points.get("contradict") or ()):
+        cause = (
+            "the masks agree at the points that photos share, so the cameras are wrong, as where "
+            "two sides of an object look alike: keep the room in the photos, or put something "
+            "that is not symmetric beside the object"
+        )
+    text = (
+        f"{len(names)} of {outlines['compared']} masks share less with what the others predict of "
+        f"them through the cameras than they differ, {listed_names(names, NAMED)}: {cause}"
+    )
+    serious = len(names) > (1 - MOST_VIEWS) * outlines["compared"]
+    return [Doubt("poses", text, serious)]
 
 
 def _flooded(report: MaskReport) -> list[str]:

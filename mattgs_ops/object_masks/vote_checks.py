@@ -105,7 +105,8 @@ def views_against_votes(views: ViewMaps, certain: MapScores, voted: MapScores) -
     meet better than votes do; and held-out ones that splats surely show worse than trained ones.
     """
     all_views = maps_surely_better(views, voted)
-    strange = _unlike_trained(voted.overlap, views.by_outline, views.trained_views)
+    by_both = overlaps(voted.maps, views.predicted)
+    strange = _unlike_trained(voted.overlap, views.by_outline, by_both, views.trained_views)
     seen = views.own.on_edges, voted.on_edges, certain.overlap, views.by_outline, strange
     return [
         all_views or alien or (by_edges < own_edges - MOST_OFF_EDGES and by_votes < by_outline)
@@ -181,19 +182,25 @@ def _why_not_by_edges(votes: float, maps: float) -> str:
 
 
 def _unlike_trained(
-    by_votes: Sequence[float], by_outline: Sequence[float], trained_views: Sequence[int]
+    by_votes: Sequence[float],
+    by_outline: Sequence[float],
+    by_both: Sequence[float],
+    trained_views: Sequence[int],
 ) -> list[bool]:
     """Return which held-out views the splats surely show worse than those they were trained on.
 
     There votes meet the own map less than silhouettes do, by a factor below the range in which
-    one more view like the training views lies (``lowest_expected``). A map that shares less with
-    silhouettes than it differs is not counted.
+    one more view like the training views lies (``lowest_expected``). Of map, silhouettes and votes
+    one is wrong there. It is the map, which then is not kept, where silhouettes meet the votes
+    better (``by_both``), or share less with the map than they differ.
     """
     ratios = np.log(np.maximum(by_votes, LEAST) / np.maximum(by_outline, LEAST))
     trained = set(trained_views)
     held_out = [index for index in range(len(ratios)) if index not in trained]
     lowest = min(0.0, lowest_expected([ratios[index] for index in trained_views], len(held_out)))
     return [
-        index not in trained and outline >= CONTRADICT and bool(ratio < lowest)
-        for index, (ratio, outline) in enumerate(zip(ratios, by_outline, strict=True))
+        index not in trained and outline >= max(CONTRADICT, both) and bool(ratio < lowest)
+        for index, (ratio, outline, both) in enumerate(
+            zip(ratios, by_outline, by_both, strict=True)
+        )
     ]

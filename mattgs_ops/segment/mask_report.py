@@ -22,7 +22,8 @@ class ViewReport:
     """One photo: foreground share 0..1, and flags.
 
     Flags are ``empty``, ``full``, ``outlier``, ``frame`` and ``differs`` (:func:`flags_of`), and
-    ``contradicts`` (:mod:`mattgs_ops.segment.contradictions`).
+    ``contradicts``: other masks contradict it, at points that photos share
+    (:mod:`mattgs_ops.segment.contradictions`) or by its outline.
     """
 
     name: str

@@ -8,6 +8,7 @@ nothing.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -15,7 +16,7 @@ import torch
 from numpy.typing import NDArray
 
 from mattgs_ops.capture.camera import Camera
-from mattgs_ops.capture.masks import SoftMap
+from mattgs_ops.capture.masks import SoftMap, read_map
 from mattgs_ops.object_masks.splats import ground_plane
 from mattgs_ops.splat.gaussians import Splats
 from mattgs_ops.splat.harmonics import SH_CONSTANT
@@ -77,6 +78,11 @@ def shrunk(soft: SoftMap, camera: Camera) -> SoftMap:
     size = camera.intrinsics.width, camera.intrinsics.height
     small: SoftMap = cv2.resize(soft, size, interpolation=cv2.INTER_AREA).astype(np.float32)
     return small
+
+
+def read_shrunk(path: Path, camera: Camera) -> SoftMap:
+    """Read a map or mask [H, W] in [0, 1] at a camera's size."""
+    return shrunk((read_map(path) / np.float32(255)).astype(np.float32), camera)
 
 
 def render_labels(

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from mattgs_ops.capture.masks import Mask, SoftMap
 from mattgs_ops.object_masks import agreed_masks
 from mattgs_ops.object_masks.cross_view import agree
-from mattgs_ops.object_masks.doubts import of_masks
+from mattgs_ops.object_masks.doubts import of_masks, of_poses
 from mattgs_ops.segment.mask_report import MaskReport
 from mattgs_ops.segment.outline.refine import OutlineRefiner
 from tests.mattgs_ops.object_masks.ball import HEIGHT, WIDTH, orbit, truth
+from tests.mattgs_ops.object_masks.contradictions.test_shared_points import write_key_points
 from tests.mattgs_ops.object_masks.test_cross_view import solved
-from tests.mattgs_ops.object_masks.test_shared_points import write_key_points
 
 RED = (0, 0, 200)  # as OpenCV writes it
 
@@ -82,13 +82,14 @@ def test_masks_that_came_along_are_in_doubt_where_they_contradict_each_other(
 ) -> None:
     """All photos show one row of points, and each mask holds its left half, or wrongly its right.
 
-    Of 15 pairs of photos some agree on 40 points; the others hold 80, and none together.
+    Of 15 pairs of photos some agree on 40 points; the others hold 80, and none together. All are
+    taken from one place, so that outlines predict nothing.
     """
     maps = [np.zeros((HEIGHT, WIDTH), np.float32) for _ in range(6)]
     for index, soft in enumerate(maps):
         first = 40 if index in wrong else 0
         soft[20:60, first : first + 40] = 1
-    scene, capture = solved(tmp_path / "in", "given", maps)
+    scene, capture = solved(tmp_path / "in", "given", maps, cameras=[orbit()[0]] * 6)
     names = [view.name for view in scene.views]
     same = np.stack([np.arange(80)] * 2, axis=1)
     matches = dict.fromkeys(combinations(range(6), 2), same)
@@ -104,3 +105,18 @@ def test_masks_that_came_along_are_in_doubt_where_they_contradict_each_other(
     assert ["contradict each other" in text for text in told] == [True] * (share < 0.5)
     for path in (tmp_path / "in" / "masks").iterdir():
         assert (tmp_path / "out" / "masks" / path.name).read_bytes() == path.read_bytes()
+
+
+@pytest.mark.parametrize("source", ["given", "none"])
+def test_masks_that_outlines_contradict_are_flagged_unless_they_cover_whole_photos(
+    tmp_path: Path, source: str
+) -> None:
+    """Of a ball beside the middle, one mask shows it on the wrong side."""
+    maps = [truth(camera) for camera in orbit()]
+    maps[3] = np.roll(maps[3], WIDTH // 3, axis=1)
+    scene, capture = solved(tmp_path / "in", source, maps)
+    done = agree(scene, capture, tmp_path / "out")
+    report = MaskReport.load(tmp_path / "out" / "masks.json")
+    flags = {row.name: row.flags for row in report.flagged}
+    assert flags == ({"3.jpg": ("contradicts",)} if source == "given" else {})
+    assert len(of_poses(done.extra)) == len(flags)

@@ -127,3 +127,39 @@ def test_photos_of_other_exposures_are_told_without_forbidding_a_verdict() -> No
     (one,) = of_exposure(spread(1.0))
     assert (one.about, one.serious) == ("exposure", False)
     assert "exposure by up to 1.0 stops: compare colour-corrected scores" in one.text
+
+
+@pytest.mark.parametrize(("count", "serious"), [(1, False), (2, False), (3, True)])
+def test_masks_that_the_cameras_contradict_are_told_and_more_than_a_twentieth_forbid_a_verdict(
+    count: int, serious: bool
+) -> None:
+    names = [f"{index}.jpg" for index in range(count)]
+    outlines = {"mean": 0.8, "compared": 40, "contradict": names}
+    (one,) = of_poses({"agreement": GOOD | {"shared_outlines": outlines}})
+    assert (one.about, one.serious) == ("poses", serious)
+    assert f"{count} of 40 masks share less" in one.text
+    assert ", ".join(names) in one.text
+
+
+@pytest.mark.parametrize(
+    ("points", "words"),
+    [
+        ({"share": 0.99, "contradict": []}, "the cameras are wrong, as where two sides"),
+        ({"share": 0.99, "contradict": ["0.jpg"]}, "masks or cameras are wrong"),
+        ({"share": 0.4, "contradict": []}, "masks or cameras are wrong"),
+        ({"share": None, "contradict": []}, "masks or cameras are wrong"),
+    ],
+)
+def test_cameras_are_to_blame_where_masks_agree_at_shared_points(
+    points: dict[str, object], words: str
+) -> None:
+    outlines = {"mean": 0.8, "compared": 40, "contradict": ["0.jpg"]}
+    agreement = GOOD | {"shared_outlines": outlines, "shared_points": points}
+    (one,) = of_poses({"agreement": agreement})
+    assert words in one.text
+
+
+def test_masks_without_outlines_in_common_say_nothing_of_cameras() -> None:
+    for outlines in (None, {"mean": 0.9, "compared": 9, "contradict": []}):
+        assert of_poses({"agreement": {"shared_outlines": outlines}}) == []
+    assert of_poses({"agreement": None}) == []

@@ -7,7 +7,7 @@ import pytest
 
 from mattgs_ops.object_masks.corrected_maps import averaged
 from mattgs_ops.object_masks.decision import decide
-from mattgs_ops.object_masks.silhouettes import Silhouettes, iou
+from mattgs_ops.object_masks.silhouettes import CONTRADICT, Silhouettes, iou
 from mattgs_ops.object_masks.vote_checks import _unlike_trained
 from tests.mattgs_ops.object_masks.ball import HEIGHT, VIEWS, WIDTH, notched
 from tests.mattgs_ops.object_masks.test_decision import TRUTHS, grown, photos, views_of, votes
@@ -17,35 +17,48 @@ TRAINED = [0.90, 0.80, 0.86, 0.84]  # by votes, where silhouettes meet all maps 
 
 
 @pytest.mark.parametrize(
-    ("by_votes", "by_outline", "strange"),
+    ("by_votes", "by_outline", "by_both", "strange"),
     [
-        (0.79, 0.9, False),  # the lowest of all five, and of the same kind
-        (0.50, 0.9, True),
-        (0.50, 0.49, False),  # its map contradicts the silhouettes: it is not counted
-        (0.51, 0.5, False),  # splats that are no worse than silhouettes are not worse
+        (0.79, 0.9, 0.9, False),  # the lowest of all five, and of the same kind
+        (0.50, 0.9, 0.5, True),
+        (0.50, 0.9, 0.91, False),  # silhouettes and votes say the same: its map is wrong
+        (0.50, 0.49, 0.3, False),  # its map contradicts the silhouettes: it is not counted
+        (0.51, 0.5, 0.3, False),  # splats that are no worse than silhouettes are not worse
     ],
 )
 def test_a_held_out_view_is_strange_beyond_what_further_views_would_show(
-    by_votes: float, by_outline: float, strange: bool
+    by_votes: float, by_outline: float, by_both: float, strange: bool
 ) -> None:
     votes, outlines = [*TRAINED, by_votes], [0.9] * len(TRAINED) + [by_outline]
-    assert _unlike_trained(votes, outlines, range(4)) == [False] * 4 + [strange]
+    both = [0.9] * len(TRAINED) + [by_both]
+    assert _unlike_trained(votes, outlines, both, range(4)) == [False] * 4 + [strange]
 
 
 def test_views_that_are_trained_on_are_never_strange() -> None:
-    assert not any(_unlike_trained([*TRAINED, 0.1], [0.9] * 5, range(5)))
+    assert not any(_unlike_trained([*TRAINED, 0.1], [0.9] * 5, [0.1] * 5, range(5)))
 
 
 def test_among_many_held_out_views_one_may_be_low_by_chance() -> None:
     """What is strange of one is not of the lowest of thirty."""
     low = 0.70
-    assert _unlike_trained([*TRAINED, low], [0.9] * 5, range(4))[-1]
-    many = _unlike_trained([*TRAINED, *[0.85] * 29, low], [0.9] * 34, range(4))
+    assert _unlike_trained([*TRAINED, low], [0.9] * 5, [0.5] * 5, range(4))[-1]
+    many = _unlike_trained([*TRAINED, *[0.85] * 29, low], [0.9] * 34, [0.5] * 34, range(4))
     assert not many[-1]
 
 
 def test_without_training_views_nobody_knows() -> None:
-    assert _unlike_trained([0.1], [0.9], []) == [False]
+    assert _unlike_trained([0.1], [0.9], [0.1], []) == [False]
+
+
+def test_a_held_out_map_that_leaks_is_replaced_by_votes_which_silhouettes_confirm() -> None:
+    own = [t.copy() for t in TRUTHS]
+    own[5] = grown(TRUTHS[5], 5)
+    met = Silhouettes([grown(t, 1) for t in TRUTHS], [0.9] * VIEWS, 1.0)
+    views = views_of([SPECKLED] * VIEWS, own, met, [index != 5 for index in range(VIEWS)])
+    found, maps = decide(views, votes(TRUTHS, TRUTHS))
+    assert CONTRADICT < iou(own[5] > 0, TRUTHS[5] > 0) < views.by_outline[5]
+    assert found.views[5].masks == "votes"
+    assert np.array_equal(maps[5], TRUTHS[5])
 
 
 @pytest.mark.parametrize("final", [True, False])

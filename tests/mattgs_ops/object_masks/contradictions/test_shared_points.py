@@ -9,7 +9,7 @@ import pytest
 
 from mattgs_ops.capture.masks import mask_name
 from mattgs_ops.capture.scene import Scene
-from mattgs_ops.object_masks.shared_points import masks_at_shared_points
+from mattgs_ops.object_masks.contradictions.shared_points import masks_at_shared_points
 from mattgs_ops.segment.contradictions import Contradictions
 from mattgs_ops.sfm.colmap.job import KEYPOINTS_FILE
 

@@ -7,6 +7,7 @@ The flow does not know the difference.
 """
 
 import fcntl
+import gc
 import os
 import sys
 from collections.abc import Iterator
@@ -105,6 +106,10 @@ def enter_existing(out: Path) -> None:
 class Starting:
     """The services while they start: what takes long is begun on entering.
 
+    Until they are ready Python collects no garbage. Dask logs each collection, wherever one falls:
+    also within an import, where a thread holds the lock of all imports. Another thread that
+    configures logging, as Prefect does, holds logging's lock and imports: neither would go on.
+
     Use as a context; everything of our own ends with it. Should our own Prefect server end before,
     the process exits with ``died``. Entering raises :class:`InputError` where
     the Prefect that the user named cannot be used, and :class:`StageError` where our own does not
@@ -131,6 +136,7 @@ class Starting:
             # workers find them by it; set before there are threads
             stack.enter_context(_environment(**variables, PREFECT_API_URL=api))
             self._api, self._stack = api, stack.pop_all()
+        gc.disable()
         self._mlflow = Background(lambda: runs.initialise(self._tracking))
         self._workers = Background(self._start_cluster)
         return self
@@ -140,6 +146,7 @@ class Starting:
 
         That ends with the process; what it left of a database the next run removes.
         """
+        gc.enable()
         if kind is not None and issubclass(kind, KeyboardInterrupt):
             sys.stderr.write("mattgs: interrupted; ending its services\n")
         if not ends_at_once(kind):
@@ -166,6 +173,7 @@ class Starting:
         if self._server is not None:
             self._server.wait()
             self._server.follow(self._died)
+        gc.enable()
         return Services(
             self._api,
             self._server is not None,

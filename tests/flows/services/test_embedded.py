@@ -1,12 +1,14 @@
 """Our own services while they start: what an interruption waits for, and what it leaves."""
 
+import gc
 import os
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from threading import Event, Timer
+from types import SimpleNamespace
 
 import pytest
 
@@ -79,6 +81,22 @@ def test_after_another_error_nothing_goes_on_starting(
         raise StageError("no process could be started")
     assert sorted(slow.up) == ["dask", "mlflow"]
     assert capsys.readouterr().err == ""
+
+
+def test_no_garbage_is_collected_until_all_is_ready_or_given_up(
+    slow: Slow, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(prefect_settings, "using", lambda _: nullcontext())
+    cluster = SimpleNamespace(scheduler=None, dashboard="")
+    monkeypatch.setattr(dask_cluster, "started", lambda _, __: nullcontext(cluster))
+    slow.let.set()
+    with embedded.Starting(tmp_path, RunConfig(), 1) as starting:
+        assert not gc.isenabled()
+        starting.ready()
+        assert gc.isenabled()
+    with pytest.raises(InputError), embedded.Starting(tmp_path, RunConfig(), 1):
+        raise InputError("no such photo")
+    assert gc.isenabled()
 
 
 class OwnServer:

@@ -28,7 +28,15 @@ from mattgs_ops.capture.sparse import SparseModel
 from mattgs_ops.config import SfmConfig
 from mattgs_ops.errors import InputError, StageError
 from mattgs_ops.progress import Progress, no_progress
-from mattgs_ops.sfm import alignment, assemble, figure, given_points, given_poses, lost_views
+from mattgs_ops.sfm import (
+    alignment,
+    assemble,
+    figure,
+    given_points,
+    given_poses,
+    look_alikes,
+    lost_views,
+)
 from mattgs_ops.sfm.checks import check, check_given_cameras, keeps_poses, mask_path
 from mattgs_ops.sfm.colmap.job import KEYPOINTS_FILE, MODEL_FOLDER, Answer, Job, JobView
 from mattgs_ops.sfm.colmap.process import run_worker
@@ -199,8 +207,14 @@ def _report(
         "registered_share": len(answer.registered) / len(capture.views),
         "missing": [view.to_json() for view in lost_views.lost_views(capture, answer)],
         "second_groups": lost_views.second_groups(answer),
-        "warnings": [*lost_views.warnings(capture, answer), *given_poses.warnings(answer)],
-        "poses_in_doubt": lost_views.in_doubt(capture, answer) or given_poses.in_doubt(answer),
+        "warnings": [
+            *lost_views.warnings(capture, answer),
+            *given_poses.warnings(answer),
+            *look_alikes.warnings(answer),
+        ],
+        "poses_in_doubt": lost_views.in_doubt(capture, answer)
+        or given_poses.in_doubt(answer)
+        or look_alikes.in_doubt(answer),
         "empty_masks": empty,
         "dropped": empty,  # until other views lend them a mask
         "models": answer.models,
@@ -208,6 +222,7 @@ def _report(
             name: None if share is None else round(share, 4)
             for name, share in answer.object_motion.items()
         },
+        "beside_object": answer.beside_object,
         "given_cameras": answer.given_cameras,
         "keypoints": {"original": whole, "masked": masked},
         "keypoint_reduction": 1 - masked / whole if whole else None,

@@ -33,10 +33,10 @@ def print_texture(rng: np.random.Generator, size: int, blobs: int) -> NDArray[np
     return cv2.GaussianBlur(image, (0, 0), 1.0).astype(np.float32)
 
 
-def orbit(count: int) -> list[Camera]:
+def orbit(count: int, step: float = STEP) -> list[Camera]:
     cameras = []
     for k in range(count):
-        angle = (k - count / 2) * STEP
+        angle = (k - count / 2) * step
         height = 1.3 + 0.25 * np.sin(3 * angle)
         centre = np.array([2.2 * np.cos(angle), 2.2 * np.sin(angle), height])
         forward = np.array([0.0, 0.0, 0.3]) - centre
@@ -99,10 +99,17 @@ def photographed(folder: Path, seed: int) -> PreparedCapture:
     """Print the box and its table anew and photograph them from nine places."""
     rng = np.random.default_rng(seed)
     textures = [print_texture(rng, 1024, 8000), *(print_texture(rng, 256, 650) for _ in range(6))]
+    return photographed_by(folder, textures, orbit(VIEWS))
+
+
+def photographed_by(
+    folder: Path, textures: list[NDArray[np.float32]], cameras: list[Camera]
+) -> PreparedCapture:
+    """Photograph a table and a box, whose six sides have the other textures."""
     (folder / "photos").mkdir(parents=True)
     (folder / "masks").mkdir()
     views = []
-    for k, camera in enumerate(orbit(VIEWS)):
+    for k, camera in enumerate(cameras):
         name = f"{k:04d}.jpg"
         photo, mask = folder / "photos" / f"{name}.png", folder / "masks" / f"{name}.png"
         image, cut = cast(camera, textures)

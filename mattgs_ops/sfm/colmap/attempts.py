@@ -4,7 +4,7 @@ Runs in the worker process. Every step up from the usual way is recorded as a fa
 """
 
 import time
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
@@ -13,8 +13,8 @@ from typing import Any
 from mattgs_ops.capture.scene import FROM_OBJECT
 from mattgs_ops.errors import StageError
 from mattgs_ops.progress import Progress
-from mattgs_ops.sfm import given_poses
-from mattgs_ops.sfm.colmap import features, mapping, matching
+from mattgs_ops.sfm import given_poses, look_alikes
+from mattgs_ops.sfm.colmap import mapping, matching
 from mattgs_ops.sfm.colmap.features import Features, Matches, Pair
 from mattgs_ops.sfm.colmap.guides import Guides, beside, sets_of
 from mattgs_ops.sfm.colmap.job import DATABASE_FILE, MODEL_FOLDER, Answer, Job
@@ -26,7 +26,7 @@ from mattgs_ops.sfm.colmap.moving_object import (
     share_contradicting,
     shares_explained,
 )
-from mattgs_ops.sfm.colmap.steps import UNITS, Attempt, further_attempts
+from mattgs_ops.sfm.colmap.steps import UNITS, Attempt, extract, further_attempts
 from mattgs_ops.sfm.lost_views import advice, of_exif
 
 Pairs = dict[Pair, Verified]
@@ -78,7 +78,7 @@ def run(job: Job, progress: Progress) -> Answer:
 def attempt(state: Attempt, better_than: Answer | None = None) -> None:
     """Reconstruct once; write model and key points unless ``better_than`` has as many views."""
     with state.step("extract"):
-        found = _extract(state)
+        found = extract(state)
     mode = state.answer.mode
     model = _reconstruct(state, [f.of_mode(mode) for f in found])
     answer = state.answer
@@ -96,34 +96,6 @@ def attempt(state: Attempt, better_than: Answer | None = None) -> None:
 def _names(job: Job, model: Any) -> list[str]:
     """Return the names of a model's views."""
     return [job.views[number - 1].name for number in sorted(model.reg_image_ids())]
-
-
-def _extract(state: Attempt) -> list[Features]:
-    """Climb the ladder until the object has key points enough."""
-    job, answer = state.job, state.answer
-    found: list[Features] = []
-    for reason, how in features.ladder(state.config, thorough=state.thorough):
-        if reason is not None:
-            if features.enough(found) or answer.mode == "original":
-                break
-            answer.tell(f"too few key points inside masks: {reason}")
-        found = features.extract(
-            job.views,
-            state.config,
-            how,
-            job.threads,
-            lambda done, total, note: state.report("extract", done, total, note),
-        )
-    if answer.mode == "masked" and not features.enough(found):
-        answer.mode = "shared"
-        answer.tell("too few key points inside masks: mode shared instead of masked")
-    for view, f in zip(job.views, found, strict=True):
-        answer.keypoints[view.name] = f.found
-    answer.used = {
-        "whole": sum(int(f.whole.sum()) for f in found),
-        "masked": sum(int(f.masked.sum()) for f in found),
-    }
-    return found
 
 
 def _match(state: Attempt, found: Sequence[Features], cameras: Sequence[Any]) -> Pairs:
@@ -190,19 +162,26 @@ def _of_whole_or_object(
     before, positions = deepcopy(state.answer), [f.positions for f in found]
     on_object = {pair: one.on_object for pair, one in pairs.items() if one.on_object is not None}
 
-    def explained(model: Any) -> tuple[float | None, float | None]:
+    def explained(model: Any, those: Container[Pair]) -> tuple[float | None, float | None]:
         return shares_explained(
-            on_object,
+            {pair: one for pair, one in on_object.items() if pair in those},
             mapping.posed(model),
             lambda view, rows: mapping.rays_of(model, view, positions[view][rows]),
         )
 
+    def place(state: Attempt, pairs: Pairs) -> Any:
+        return _place(state, found, pairs, cameras)
+
     motion: dict[str, float | None] = {"contradicting": share_contradicting(on_object)}
-    model, failure = None, None
+    model, failure, kept = None, None, pairs
     of_placed: float | None = 0.0
     try:
-        model = _place(state, found, pairs, cameras)
-        motion["shared"], of_placed = explained(model)
+        model, kept = look_alikes.place(state, pairs, positions, place)
+        motion["shared"], of_placed = explained(model, kept)
+        sure = look_alikes.sure_pairs(pairs)
+        if len(sure & on_object.keys()) >= given_poses.FEWEST_PAIRS:
+            # pairs of sides that look alike contradict right poses; these show the room, too
+            of_placed = max(explained(model, sure)[1] or 0.0, of_placed or 0.0)
     except StageError as error:
         failure = error
     if of_placed is not None and of_placed < MOST_EXPLAINED:
@@ -211,7 +190,7 @@ def _of_whole_or_object(
         alone = replace(state, answer=before)
         try:
             other = _of_object(alone, found, "the object moves against its surroundings")
-            motion["masked"], _ = explained(other)
+            motion["masked"], _ = explained(other, kept)
             if model is None or explains_more(motion["masked"], motion["shared"]):
                 model, state.answer = other, alone.answer
         except StageError as error:

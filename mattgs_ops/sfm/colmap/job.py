@@ -115,6 +115,9 @@ class Answer:
     # of the pairs that show the object, the shares of those that contradict their whole photos and
     # of those that the poses of each mode explain (moving_object); None where no pair shows it
     object_motion: dict[str, float | None] = field(default_factory=dict)
+    # by look_alikes: pairs that share most beside the object, and how many of them the poses of
+    # whole photos explain
+    beside_object: dict[str, int] = field(default_factory=dict)
     # pairs of photos that were matched by looks, how many of them given cameras explain, and the
     # views that contradict all of theirs (given_poses); empty where cameras were estimated
     given_cameras: dict[str, Any] = field(default_factory=dict)

@@ -36,11 +36,15 @@ STILL_SHARE = 2 / 480  # of the longest side: what moves less is in the same pla
 
 @dataclass(frozen=True)
 class Verified:
-    """A pair's geometry as COLMAP estimates it, its inlier matches [M, 2], and the object's."""
+    """A pair's geometry as COLMAP estimates it, its inlier matches [M, 2], and the object's.
+
+    ``beside`` counts the matches that lie outside both masks.
+    """
 
     geometry: Any  # pycolmap.TwoViewGeometry
     matches: Matches
     on_object: ObjectMatches | None = None
+    beside: int = 0
 
 
 def stand_still(
@@ -190,7 +194,8 @@ def match_and_verify(
             return None
         sides = inside[i], inside[j]
         its = object_matches(matches, found.matches, sides, lambda m: verified(pair, m).matches)
-        return replace(found, on_object=its)
+        outside = (~side[m] for side, m in zip(sides, found.matches.T, strict=True))
+        return replace(found, on_object=its, beside=int(np.logical_and(*outside).sum()))
 
     out: dict[Pair, Verified] = {}
     with ThreadPoolExecutor(threads) as pool:

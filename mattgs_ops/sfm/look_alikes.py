@@ -1,0 +1,132 @@
+"""Whether poses were led astray by sides of the object that look alike.
+
+Opposite sides of a carton, or a print that repeats around a bottle, match as if they were one.
+Poses that follow such matches place photos of one side before the other, register all views and
+have small errors. What stands beside the object does not repeat with it: two photos that share it,
+too, show one side. A few wallpapers repeat; so the pairs of each photo and those with which it
+shares most are *sure*, and right poses explain them. Where poses do not, they are estimated again
+without the pairs that match on the object alone.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mattgs_ops.errors import StageError
+from mattgs_ops.sfm.colmap import mapping
+from mattgs_ops.sfm.colmap.features import Pair
+from mattgs_ops.sfm.colmap.job import Answer
+from mattgs_ops.sfm.colmap.matching import LEAST_MATCHES, Verified
+from mattgs_ops.sfm.colmap.moving_object import explained
+from mattgs_ops.sfm.colmap.steps import Attempt
+from mattgs_ops.sfm.given_poses import FEWEST_PAIRS, PARTNERS
+from mattgs_ops.sfm.lost_views import MOST_VIEWS
+
+Pairs = dict[Pair, Verified]
+
+LEFT_OUT = "pairs that match on the object alone are left out, as sides that look alike do"
+
+
+def place(
+    state: Attempt,
+    pairs: Pairs,
+    positions: Sequence[NDArray[np.float64]],
+    place_by: Callable[[Attempt, Pairs], Any],
+) -> tuple[Any, Pairs]:
+    """Find poses; and again, from sure pairs alone, where these contradict them.
+
+    ``place_by`` finds poses and points from pairs, as a pycolmap model; ``positions`` are each
+    view's key points [K, 2] in pixels. Returns the model and the pairs that it comes from;
+    ``state`` has its answer, with the seconds of both. The other poses are taken where they leave
+    at most half as many sure pairs unexplained, and no more than a twentieth of the views out.
+    """
+    other = replace(state, answer=deepcopy(state.answer))
+    model = place_by(state, pairs)
+    told = state.answer.beside_object = count_explained(pairs, model, positions)
+    if not unexplained(told):
+        return model, pairs
+    other.answer.seconds, other.answer.cpu_seconds = state.answer.seconds, state.answer.cpu_seconds
+    kept = without_look_alikes(pairs)
+    try:
+        again = place_by(other, kept)
+    except StageError:
+        return model, pairs
+    now = count_explained(pairs, again, positions)
+    fewer = len(again.reg_image_ids()) < MOST_VIEWS * len(model.reg_image_ids())
+    if fewer or 2 * unexplained(now) > unexplained(told):
+        return model, pairs
+    other.answer.beside_object = now
+    step = f"{unexplained(told)} of {told['pairs']} pairs that share most beside the object"
+    other.answer.tell(f"{step} contradicted the poses: {LEFT_OUT}")
+    state.answer = other.answer
+    return again, kept
+
+
+def sure_pairs(pairs: Mapping[Pair, Verified]) -> set[Pair]:
+    """Return each view's pairs with the :data:`PARTNERS` that share most beside the object."""
+    partners: dict[int, list[tuple[int, Pair]]] = {}
+    for pair in _beside(pairs):
+        for view in pair:
+            partners.setdefault(view, []).append((-pairs[pair].beside, pair))
+    return {pair for those in partners.values() for _, pair in sorted(those)[:PARTNERS]}
+
+
+def without_look_alikes(pairs: Pairs) -> Pairs:
+    """Return the pairs that match beside the object, too.
+
+    A view without one, as a close photo that shows nothing else, keeps all of its pairs.
+    """
+    kept = _beside(pairs)
+    tied = {view for pair in kept for view in pair}
+    return {pair: one for pair, one in pairs.items() if pair in kept or not set(pair) <= tied}
+
+
+def _beside(pairs: Mapping[Pair, Verified]) -> set[Pair]:
+    """Return the pairs with as many matches beside the object as COLMAP keeps a pair for."""
+    return {pair for pair, one in pairs.items() if one.beside >= LEAST_MATCHES}
+
+
+def count_explained(
+    pairs: Pairs, model: Any, positions: Sequence[NDArray[np.float64]]
+) -> dict[str, int]:
+    """Count the sure pairs whose views are placed, and those that a model's poses explain."""
+    cameras = mapping.posed(model)
+    placed = {pair for pair in sure_pairs(pairs) if set(pair) <= set(cameras)}
+
+    def rays(view: int, rows: NDArray[np.uint32]) -> NDArray[np.float64]:
+        return mapping.rays_of(model, view, positions[view][rows])
+
+    count = sum(explained(pair, pairs[pair].matches, cameras, rays) for pair in placed)
+    return {"pairs": len(placed), "explained": count}
+
+
+def unexplained(told: Mapping[str, int]) -> int:
+    """Return how many sure pairs the poses do not explain."""
+    return told.get("pairs", 0) - told.get("explained", 0)
+
+
+def warnings(answer: Answer) -> list[str]:
+    """Return what a reader must know of poses that sure pairs contradict."""
+    if not in_doubt(answer):
+        return []
+    told = answer.beside_object
+    text = (
+        f"of {told['pairs']} pairs of photos that share most beside the object "
+        f"{unexplained(told)} contradict their cameras; some photos stand in the wrong place, as "
+        "where sides of the object look alike: take more photos between the sides, or put "
+        "something beside it"
+    )
+    return [text]
+
+
+def in_doubt(answer: Answer) -> bool:
+    """Whether more sure pairs contradict the poses of whole photos than may match falsely.
+
+    The bound is that of given cameras (:data:`FEWEST_PAIRS`). Poses of an object that moves are its
+    own, and say nothing of what stands beside it.
+    """
+    return answer.mode == "shared" and unexplained(answer.beside_object) >= FEWEST_PAIRS

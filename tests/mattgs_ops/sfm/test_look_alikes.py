@@ -1,0 +1,134 @@
+"""Sides of a box that look alike: poses that they lead astray are found out by the table."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mattgs_ops import sfm
+from mattgs_ops.config import SfmConfig
+from mattgs_ops.progress import no_progress
+from mattgs_ops.sfm import look_alikes
+from mattgs_ops.sfm.colmap.features import Pair
+from mattgs_ops.sfm.colmap.job import Answer, Job
+from mattgs_ops.sfm.colmap.matching import Verified
+from mattgs_ops.sfm.colmap.steps import Attempt
+from tests.mattgs_ops import conftest as box
+
+AROUND = 24  # photos, a full circle
+NOTHING = np.zeros((0, 2), np.uint32)
+
+
+def with_equal_sides(seed: int) -> list[np.ndarray]:
+    """Print a table, and a box of whose sides opposite ones look the same."""
+    rng = np.random.default_rng(seed)
+    table = box.print_texture(rng, 1024, 8000)
+    one, other, top, bottom = (box.print_texture(rng, 256, 650) for _ in range(4))
+    sides = []
+    for side, half in ((one, box.HALF[1]), (other, box.HALF[0])):
+        across = round(2 * half * len(side))  # rows of the print that the side shows
+        back = side.copy()
+        back[:across] = side[:across][::-1]
+        sides += [side, back]
+    return [table, *sides, bottom, top]
+
+
+def test_photos_of_one_side_are_not_placed_before_the_other(tmp_path: Path) -> None:
+    """From all pairs half of the cameras come out half a turn away."""
+    cameras = box.orbit(AROUND, 2 * np.pi / AROUND)
+    capture = box.photographed_by(tmp_path / "in", with_equal_sides(7), cameras)
+    scene = sfm.reconstruct(capture, tmp_path / "in" / "masks", SfmConfig(), tmp_path / "out")
+    assert scene.extra["registered"] == AROUND
+    assert scene.extra["pose_error"]["rotation_deg_max"] < 1
+    (step,) = scene.extra["fallbacks"]
+    assert step.endswith(look_alikes.LEFT_OUT)
+    told = scene.extra["beside_object"]
+    assert told["explained"] == told["pairs"] > AROUND
+    assert not scene.extra["poses_in_doubt"]
+    assert scene.extra["mode"] == "shared"
+
+
+def pairs(beside: dict[Pair, int]) -> dict[Pair, Verified]:
+    return {pair: Verified(None, NOTHING, None, count) for pair, count in beside.items()}
+
+
+def test_a_view_that_shares_nothing_beside_the_object_keeps_its_pairs() -> None:
+    found = pairs({(0, 1): 15, (0, 2): 14, (1, 2): 40, (0, 3): 3, (2, 3): 0})
+    assert look_alikes.sure_pairs(found) == {(0, 1), (1, 2)}
+    assert set(look_alikes.without_look_alikes(found)) == {(0, 1), (1, 2), (0, 3), (2, 3)}
+
+
+def test_sure_pairs_are_those_of_the_four_partners_that_share_most() -> None:
+    """View 0 shares less with each further view, and these share nothing with each other."""
+    found = pairs({(0, other): 60 - other for other in range(1, 8)})
+    ring = pairs({(first, first + 1): 90 for first in range(10, 16)})
+    assert look_alikes.sure_pairs(found) == set(found), "each is the best of its other view"
+    many = found | pairs({(other, 8 + k): 80 for other in range(1, 8) for k in range(4)}) | ring
+    assert {pair for pair in look_alikes.sure_pairs(many) if 0 in pair} == {
+        (0, other) for other in range(1, 5)
+    }
+
+
+@pytest.mark.parametrize(
+    ("pairs", "explained", "mode", "doubted"),
+    [
+        (60, 60, "shared", False),
+        (60, 58, "shared", False),
+        (60, 57, "shared", True),
+        (6, 3, "shared", True),
+        (60, 10, "masked", False),  # an object that moves against what stands beside it
+    ],
+)
+def test_three_sure_pairs_that_are_unexplained_leave_poses_in_doubt(
+    pairs: int, explained: int, mode: str, doubted: bool
+) -> None:
+    answer = replace(Answer(mode), beside_object={"pairs": pairs, "explained": explained})
+    assert look_alikes.in_doubt(answer) is doubted
+    told = look_alikes.warnings(answer)
+    wanted = f"of {pairs} pairs of photos that share most beside the object {pairs - explained} "
+    assert [text.startswith(wanted) for text in told] == [True] * doubted
+
+
+class Model:
+    """Stands for pycolmap's, of so many views."""
+
+    def __init__(self, views: int) -> None:
+        self.views = views
+
+    def reg_image_ids(self) -> list[int]:
+        return list(range(self.views))
+
+
+@pytest.mark.parametrize(
+    ("again", "explained", "taken"),
+    [
+        (40, 90, True),
+        (40, 80, True),  # half as many unexplained
+        (40, 79, False),
+        (38, 100, True),
+        (37, 100, False),  # more than a twentieth of the views lost
+    ],
+)
+def test_other_poses_are_taken_where_they_explain_much_more(
+    monkeypatch: pytest.MonkeyPatch, again: int, explained: int, taken: bool
+) -> None:
+    first, second = Model(40), Model(again)
+    shares: dict[Any, int] = {first: 60, second: explained}
+    monkeypatch.setattr(
+        look_alikes, "count_explained", lambda _, m, __: {"pairs": 100, "explained": shares[m]}
+    )
+    state = Attempt(Job("", (), {}, 1), SfmConfig(), Answer("shared"), no_progress)
+    found = pairs({(0, 1): 20, (1, 2): 2})
+    asked: list[set[Pair]] = []
+
+    def place_by(_: Any, those: dict[Pair, Verified]) -> Model:
+        asked.append(set(those))
+        return second if len(asked) > 1 else first
+
+    model, kept = look_alikes.place(state, found, [], place_by)
+    assert model is (second if taken else first)
+    assert set(kept) == asked[1 if taken else 0]
+    assert state.answer.beside_object == {"pairs": 100, "explained": shares[model]}
+    assert bool(state.answer.fallbacks) is taken

@@ -33,6 +33,20 @@ def print_texture(rng: np.random.Generator, size: int, blobs: int) -> NDArray[np
     return cv2.GaussianBlur(image, (0, 0), 1.0).astype(np.float32)
 
 
+def with_equal_sides(seed: int, blobs: int = 8000) -> list[NDArray[np.float32]]:
+    """Print a table, with so many blobs, and a box of whose sides opposite ones look the same."""
+    rng = np.random.default_rng(seed)
+    table = print_texture(rng, 1024, blobs)
+    one, other, top, bottom = (print_texture(rng, 256, 650) for _ in range(4))
+    sides = []
+    for side, half in ((one, HALF[1]), (other, HALF[0])):
+        across = round(2 * half * len(side))  # rows of the print that the side shows
+        back = side.copy()
+        back[:across] = side[:across][::-1]
+        sides += [side, back]
+    return [table, *sides, bottom, top]
+
+
 def orbit(count: int, step: float = STEP) -> list[Camera]:
     cameras = []
     for k in range(count):

@@ -21,24 +21,10 @@ AROUND = 24  # photos, a full circle
 NOTHING = np.zeros((0, 2), np.uint32)
 
 
-def with_equal_sides(seed: int) -> list[np.ndarray]:
-    """Print a table, and a box of whose sides opposite ones look the same."""
-    rng = np.random.default_rng(seed)
-    table = box.print_texture(rng, 1024, 8000)
-    one, other, top, bottom = (box.print_texture(rng, 256, 650) for _ in range(4))
-    sides = []
-    for side, half in ((one, box.HALF[1]), (other, box.HALF[0])):
-        across = round(2 * half * len(side))  # rows of the print that the side shows
-        back = side.copy()
-        back[:across] = side[:across][::-1]
-        sides += [side, back]
-    return [table, *sides, bottom, top]
-
-
 def test_photos_of_one_side_are_not_placed_before_the_other(tmp_path: Path) -> None:
     """From all pairs half of the cameras come out half a turn away."""
     cameras = box.orbit(AROUND, 2 * np.pi / AROUND)
-    capture = box.photographed_by(tmp_path / "in", with_equal_sides(7), cameras)
+    capture = box.photographed_by(tmp_path / "in", box.with_equal_sides(7), cameras)
     scene = sfm.reconstruct(capture, tmp_path / "in" / "masks", SfmConfig(), tmp_path / "out")
     assert scene.extra["registered"] == AROUND
     assert scene.extra["pose_error"]["rotation_deg_max"] < 1

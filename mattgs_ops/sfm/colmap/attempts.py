@@ -14,7 +14,7 @@ from mattgs_ops.capture.scene import FROM_OBJECT
 from mattgs_ops.errors import StageError
 from mattgs_ops.progress import Progress
 from mattgs_ops.sfm import given_poses, look_alikes
-from mattgs_ops.sfm.colmap import mapping, matching
+from mattgs_ops.sfm.colmap import features, mapping, matching
 from mattgs_ops.sfm.colmap.features import Features, Matches, Pair
 from mattgs_ops.sfm.colmap.guides import Guides, beside, sets_of
 from mattgs_ops.sfm.colmap.job import DATABASE_FILE, MODEL_FOLDER, Answer, Job
@@ -26,7 +26,7 @@ from mattgs_ops.sfm.colmap.moving_object import (
     share_contradicting,
     shares_explained,
 )
-from mattgs_ops.sfm.colmap.steps import UNITS, Attempt, extract, further_attempts
+from mattgs_ops.sfm.colmap.steps import UNITS, Attempt, further_attempts
 from mattgs_ops.sfm.lost_views import advice, of_exif
 
 Pairs = dict[Pair, Verified]
@@ -78,7 +78,7 @@ def run(job: Job, progress: Progress) -> Answer:
 def attempt(state: Attempt, better_than: Answer | None = None) -> None:
     """Reconstruct once; write model and key points unless ``better_than`` has as many views."""
     with state.step("extract"):
-        found = extract(state)
+        found = _extract(state)
     mode = state.answer.mode
     model = _reconstruct(state, [f.of_mode(mode) for f in found])
     answer = state.answer
@@ -96,6 +96,34 @@ def attempt(state: Attempt, better_than: Answer | None = None) -> None:
 def _names(job: Job, model: Any) -> list[str]:
     """Return the names of a model's views."""
     return [job.views[number - 1].name for number in sorted(model.reg_image_ids())]
+
+
+def _extract(state: Attempt) -> list[Features]:
+    """Climb the ladder until the object has key points enough."""
+    job, answer = state.job, state.answer
+    found: list[Features] = []
+    for reason, how in features.ladder(state.config, thorough=state.thorough):
+        if reason is not None:
+            if features.enough(found) or answer.mode == "original":
+                break
+            answer.tell(f"too few key points inside masks: {reason}")
+        found = features.extract(
+            job.views,
+            state.config,
+            how,
+            job.threads,
+            lambda done, total, note: state.report("extract", done, total, note),
+        )
+    if answer.mode == "masked" and not features.enough(found):
+        answer.mode = "shared"
+        answer.tell("too few key points inside masks: mode shared instead of masked")
+    for view, f in zip(job.views, found, strict=True):
+        answer.keypoints[view.name] = f.found
+    answer.used = {
+        "whole": sum(int(f.whole.sum()) for f in found),
+        "masked": sum(int(f.masked.sum()) for f in found),
+    }
+    return found
 
 
 def _match(state: Attempt, found: Sequence[Features], cameras: Sequence[Any]) -> Pairs:

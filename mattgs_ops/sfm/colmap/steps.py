@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from mattgs_ops.capture.scene import FROM_OBJECT
 from mattgs_ops.config import SfmConfig
 from mattgs_ops.progress import Progress
-from mattgs_ops.sfm.colmap import features
 from mattgs_ops.sfm.colmap.features import FAINT, Features, Matches, Pair
 from mattgs_ops.sfm.colmap.job import KEYPOINTS_FILE, Answer, Job
 from mattgs_ops.sfm.lost_views import MOST_VIEWS
@@ -82,34 +81,6 @@ class Attempt:
             pair_counts=np.array([len(m) for m in numbered], dtype=np.int64),
             matches=np.concatenate([np.zeros((0, 2), np.int64), *numbered]).astype(np.uint32),
         )
-
-
-def extract(state: Attempt) -> list[Features]:
-    """Climb the ladder until the object has key points enough."""
-    job, answer = state.job, state.answer
-    found: list[Features] = []
-    for reason, how in features.ladder(state.config, thorough=state.thorough):
-        if reason is not None:
-            if features.enough(found) or answer.mode == "original":
-                break
-            answer.tell(f"too few key points inside masks: {reason}")
-        found = features.extract(
-            job.views,
-            state.config,
-            how,
-            job.threads,
-            lambda done, total, note: state.report("extract", done, total, note),
-        )
-    if answer.mode == "masked" and not features.enough(found):
-        answer.mode = "shared"
-        answer.tell("too few key points inside masks: mode shared instead of masked")
-    for view, f in zip(job.views, found, strict=True):
-        answer.keypoints[view.name] = f.found
-    answer.used = {
-        "whole": sum(int(f.whole.sum()) for f in found),
-        "masked": sum(int(f.masked.sum()) for f in found),
-    }
-    return found
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """Masks and id maps beside photos: naming, polarity, and what cannot be a mask."""
 
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -64,6 +65,19 @@ def test_one_bit_and_grey_rgb_masks_are_read(tmp_path: Path) -> None:
     Image.fromarray(disc()).convert("RGB").save(tmp_path / "b.png")
     for name in ("a.png", "b.png"):
         np.testing.assert_array_equal(decode_mask(tmp_path / name, SIZE), disc())
+
+
+@pytest.mark.parametrize(("tinted", "read"), [(1, True), (120, True), (121, False)])
+def test_a_few_pixels_may_be_tinted_as_jpeg_does_along_outlines(
+    tmp_path: Path, tinted: int, read: bool
+) -> None:
+    """Up to 0.002 of them: more could be an object."""
+    grey = np.repeat(np.repeat(disc(), 10, axis=0), 10, axis=1)
+    values = np.dstack([grey] * 3)
+    values.reshape(-1, 3)[:tinted] = [140, 120, 120]
+    path = saved(tmp_path, values)
+    with nullcontext() if read else pytest.raises(InputError, match="coloured"):
+        np.testing.assert_array_equal(decode_mask(path), grey)
 
 
 @pytest.mark.parametrize(

@@ -3,9 +3,9 @@
 Opposite sides of a carton, or a print that repeats around a bottle, match as if they were one.
 Poses that follow such matches place photos of one side before the other, register all views and
 have small errors. What stands beside the object does not repeat with it: two photos that share it,
-too, show one side. A few wallpapers repeat; so the pairs of each photo and those with which it
-shares most are *sure*, and right poses explain them. Where poses do not, they are estimated again
-without the pairs that match on the object alone.
+too, show one side. Wallpaper may repeat as well; so only the pairs of each photo with those that
+share most with it are *sure*: right poses explain them. Where poses do not, they are estimated
+again, without the pairs that match on the object alone. Worker process only, but for what is told.
 """
 
 from collections.abc import Callable, Mapping, Sequence

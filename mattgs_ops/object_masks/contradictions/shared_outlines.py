@@ -36,7 +36,6 @@ def masks_at_shared_outlines(scene: Scene, *, threads: int = 1) -> SharedOutline
     """
     views = [view for view in scene.views if view.camera is not None]
     cameras = [camera_at(view, SIDE) for view in views]
-
     paths = [scene.folder / "masks" / mask_name(view.name) for view in views]
     masks = over_views(read_shrunk, paths, cameras, threads=threads)
     found = predict(cameras, masks)

@@ -15,6 +15,7 @@ from mattgs_ops.naming import listed_names
 from mattgs_ops.object_masks.silhouettes import CONTRADICT
 from mattgs_ops.segment.contradictions import LEAST_SHARED
 from mattgs_ops.segment.mask_report import FRAME_SHARE, MaskReport
+from mattgs_ops.sfm.look_alikes import confirmed
 from mattgs_ops.sfm.lost_views import MOST_VIEWS
 
 MANY = 0.5  # of the views: a flag that more than half of them carry is the capture's
@@ -49,7 +50,7 @@ def of_poses(extra: Mapping[str, Any]) -> list[Doubt]:
     """Return what to say of poses; ``extra`` is the scene's own."""
     serious = bool(extra.get("poses_in_doubt"))
     doubts = [Doubt("poses", text, serious) for text in extra.get("warnings") or ()]
-    doubts += _through_cameras(extra.get("agreement") or {})
+    doubts += _through_cameras(extra)
     if any(FROM_OBJECT in step for step in extra.get("fallbacks") or ()):
         text = (
             "the object turns against what surrounds it, and poses hold for the object alone: with "
@@ -99,20 +100,24 @@ def _contradictions(agreement: Mapping[str, Any]) -> list[str]:
     return notes
 
 
-def _through_cameras(agreement: Mapping[str, Any]) -> list[Doubt]:
-    """Say which masks the others contradict through the cameras, and whether cameras are why.
+def _through_cameras(extra: Mapping[str, Any]) -> list[Doubt]:
+    """Say which masks the others contradict through the cameras, and which of both is why.
 
     More than a twentieth of them are as many as may have no camera at all before there is no
     verdict (:data:`MOST_VIEWS`).
     """
+    agreement = extra.get("agreement") or {}
     outlines = agreement.get("shared_outlines") or {}
     names = list(outlines.get("contradict") or ())
     if not names:
         return []
+    cameras_hold = confirmed(extra.get("beside_object") or {})
     points = agreement.get("shared_points") or {}
-    sound = (points.get("share") or 0.0) >= LEAST_SHARED
+    agree = (points.get("share") or 0.0) >= LEAST_SHARED
     cause = "masks or cameras are wrong there"
-    if sound and not set(names) & set(points.get("contradict") or ()):
+    if cameras_hold:
+        cause = "what photos share beside the object confirms the cameras, so the masks are wrong"
+    elif agree and not set(names) & set(points.get("contradict") or ()):
         cause = (
             "the masks agree at the points that photos share, so the cameras are wrong, as where "
             "two sides of an object look alike: keep the room in the photos, or put something "
@@ -123,7 +128,7 @@ def _through_cameras(agreement: Mapping[str, Any]) -> list[Doubt]:
         f"them through the cameras than they differ, {listed_names(names, NAMED)}: {cause}"
     )
     serious = len(names) > (1 - MOST_VIEWS) * outlines["compared"]
-    return [Doubt("poses", text, serious)]
+    return [Doubt("masks" if cameras_hold else "poses", text, serious)]
 
 
 def _flooded(report: MaskReport) -> list[str]:

@@ -109,6 +109,11 @@ def unexplained(told: Mapping[str, int]) -> int:
     return told.get("pairs", 0) - told.get("explained", 0)
 
 
+def confirmed(told: Mapping[str, int]) -> bool:
+    """Whether enough sure pairs tell, and the poses explain all but what may match falsely."""
+    return told.get("pairs", 0) >= FEWEST_PAIRS > unexplained(told)
+
+
 def warnings(answer: Answer) -> list[str]:
     """Return what a reader must know of poses that sure pairs contradict."""
     if not in_doubt(answer):

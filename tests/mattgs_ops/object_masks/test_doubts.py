@@ -159,6 +159,21 @@ def test_cameras_are_to_blame_where_masks_agree_at_shared_points(
     assert words in one.text
 
 
+@pytest.mark.parametrize(
+    ("pairs", "explained", "about"), [(20, 20, "masks"), (20, 18, "masks"), (20, 17, "poses")]
+)
+def test_masks_are_to_blame_where_what_stands_beside_the_object_confirms_cameras(
+    pairs: int, explained: int, about: str
+) -> None:
+    points = {"share": 0.99, "contradict": []}
+    outlines = {"mean": 0.8, "compared": 40, "contradict": ["0.jpg"]}
+    agreement = GOOD | {"shared_outlines": outlines, "shared_points": points}
+    told = {"pairs": pairs, "explained": explained}
+    (one,) = of_poses({"agreement": agreement, "beside_object": told})
+    assert one.about == about
+    assert f"so the {'masks' if about == 'masks' else 'cameras'} are wrong" in one.text
+
+
 def test_masks_without_outlines_in_common_say_nothing_of_cameras() -> None:
     for outlines in (None, {"mean": 0.9, "compared": 9, "contradict": []}):
         assert of_poses({"agreement": {"shared_outlines": outlines}}) == []

@@ -37,7 +37,10 @@ def place(
     positions: Sequence[NDArray[np.float64]],
     place_by: Callable[[Attempt, Pairs], Any],
 ) -> tuple[Any, Pairs]:
-    """Find poses; and again, from sure pairs alone, where these contradict them.
+    """Find poses; and again, without pairs on the object alone, where sure pairs contradict them.
+
+    Where that places too few views, each keeps its pairs with the partners that share most, however
+    little: some of these pairs may be false.
 
     ``place_by`` finds poses and points from pairs, as a pycolmap model; ``positions`` are each
     view's key points [K, 2] in pixels. Returns the model and the pairs that it comes from;
@@ -50,14 +53,16 @@ def place(
     if not unexplained(told):
         return model, pairs
     other.answer.seconds, other.answer.cpu_seconds = state.answer.seconds, state.answer.cpu_seconds
-    kept = without_look_alikes(pairs)
-    try:
-        again = place_by(other, kept)
-    except StageError:
+    enough = MOST_VIEWS * len(model.reg_image_ids())
+    for partners_share in (LEAST_MATCHES, 1):
+        kept = without_look_alikes(pairs, partners_share)
+        again = _tried(place_by, other, kept)
+        if again is not None and len(again.reg_image_ids()) >= enough:
+            break
+    else:
         return model, pairs
     now = count_explained(pairs, again, positions)
-    fewer = len(again.reg_image_ids()) < MOST_VIEWS * len(model.reg_image_ids())
-    if fewer or 2 * unexplained(now) > unexplained(told):
+    if 2 * unexplained(now) > unexplained(told):
         return model, pairs
     other.answer.beside_object = now
     step = f"{unexplained(told)} of {told['pairs']} pairs that share most beside the object"
@@ -66,28 +71,42 @@ def place(
     return again, kept
 
 
+def _tried(place_by: Callable[[Attempt, Pairs], Any], state: Attempt, pairs: Pairs) -> Any:
+    """Find poses from pairs; None where there are none."""
+    try:
+        return place_by(state, pairs)
+    except StageError:
+        return None
+
+
 def sure_pairs(pairs: Mapping[Pair, Verified]) -> set[Pair]:
-    """Return each view's pairs with the :data:`PARTNERS` that share most beside the object."""
-    partners: dict[int, list[tuple[int, Pair]]] = {}
-    for pair in _beside(pairs):
-        for view in pair:
-            partners.setdefault(view, []).append((-pairs[pair].beside, pair))
-    return {pair for those in partners.values() for _, pair in sorted(those)[:PARTNERS]}
+    """Return each view's pairs with the :data:`PARTNERS` that share most beside the object.
 
-
-def without_look_alikes(pairs: Pairs) -> Pairs:
-    """Return the pairs that match beside the object, too.
-
-    A view without one, as a close photo that shows nothing else, keeps all of its pairs.
+    They share as many matches there as COLMAP keeps a pair for, or more.
     """
-    kept = _beside(pairs)
+    return _with_partners(pairs, LEAST_MATCHES)
+
+
+def without_look_alikes(pairs: Pairs, partners_share: int) -> Pairs:
+    """Return the pairs that match beside the object, too, as much as sure ones.
+
+    And each view's pairs with its best partners, where these share ``partners_share`` matches
+    there. A view all of whose matches are on the object, as of a close photo, keeps all its pairs.
+    """
+    kept = {pair for pair, one in pairs.items() if one.beside >= LEAST_MATCHES}
+    kept |= _with_partners(pairs, partners_share)
     tied = {view for pair in kept for view in pair}
     return {pair: one for pair, one in pairs.items() if pair in kept or not set(pair) <= tied}
 
 
-def _beside(pairs: Mapping[Pair, Verified]) -> set[Pair]:
-    """Return the pairs with as many matches beside the object as COLMAP keeps a pair for."""
-    return {pair for pair, one in pairs.items() if one.beside >= LEAST_MATCHES}
+def _with_partners(pairs: Mapping[Pair, Verified], least: int) -> set[Pair]:
+    """Return each view's pairs with its best partners, of ``least`` matches beside the object."""
+    partners: dict[int, list[tuple[int, int, Pair]]] = {}
+    for pair, one in pairs.items():
+        if one.beside >= least:
+            for view in pair:
+                partners.setdefault(view, []).append((-one.beside, -len(one.matches), pair))
+    return {pair for those in partners.values() for _, _, pair in sorted(those)[:PARTNERS]}
 
 
 def count_explained(

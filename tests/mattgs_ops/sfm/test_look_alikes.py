@@ -9,6 +9,7 @@ import pytest
 
 from mattgs_ops import sfm
 from mattgs_ops.config import SfmConfig
+from mattgs_ops.errors import StageError
 from mattgs_ops.progress import no_progress
 from mattgs_ops.sfm import look_alikes
 from mattgs_ops.sfm.colmap.features import Pair
@@ -41,9 +42,25 @@ def pairs(beside: dict[Pair, int]) -> dict[Pair, Verified]:
 
 
 def test_a_view_that_shares_nothing_beside_the_object_keeps_its_pairs() -> None:
-    found = pairs({(0, 1): 15, (0, 2): 14, (1, 2): 40, (0, 3): 3, (2, 3): 0})
+    found = pairs({(0, 1): 15, (1, 2): 40, (0, 3): 0, (2, 3): 0})
     assert look_alikes.sure_pairs(found) == {(0, 1), (1, 2)}
-    assert set(look_alikes.without_look_alikes(found)) == {(0, 1), (1, 2), (0, 3), (2, 3)}
+    assert set(look_alikes.without_look_alikes(found, 15)) == set(found)
+
+
+def test_a_view_that_shares_little_keeps_what_shares_most() -> None:
+    """View 9 has no sure pair; of its six, two share nothing and the others one to four."""
+    sure = {(view, view + 1): 20 for view in range(6)}
+    little = {(view, 9): count for view, count in enumerate((4, 0, 3, 1, 2, 0))}
+    found = pairs(sure | little)
+    assert look_alikes.sure_pairs(found) == set(sure)
+    little_kept = {(0, 9), (2, 9), (3, 9), (4, 9)}
+    assert set(look_alikes.without_look_alikes(found, 1)) == {*sure, *little_kept}
+    assert set(look_alikes.without_look_alikes(found, 15)) == {*sure, *little}, "tied by nothing"
+
+
+def test_pairs_that_match_on_the_object_alone_are_left_out() -> None:
+    found = pairs({(view, view + 1): 20 for view in range(9)} | {(0, 9): 0, (1, 8): 0})
+    assert set(look_alikes.without_look_alikes(found, 15)) == {(v, v + 1) for v in range(9)}
 
 
 def test_sure_pairs_are_those_of_the_four_partners_that_share_most() -> None:
@@ -118,3 +135,31 @@ def test_other_poses_are_taken_where_they_explain_much_more(
     assert set(kept) == asked[1 if taken else 0]
     assert state.answer.beside_object == {"pairs": 100, "explained": shares[model]}
     assert bool(state.answer.fallbacks) is taken
+
+
+@pytest.mark.parametrize(("views", "taken"), [((30, 40), 2), ((None, 40), 2), ((30, 37), 0)])
+def test_where_too_few_views_are_placed_little_is_enough_to_tie_a_view(
+    monkeypatch: pytest.MonkeyPatch, views: tuple[int | None, int], taken: int
+) -> None:
+    first = Model(40)
+    shares = {True: 60, False: 100}
+    monkeypatch.setattr(
+        look_alikes,
+        "count_explained",
+        lambda _, m, __: {"pairs": 100, "explained": shares[m is first]},
+    )
+    state = Attempt(Job("", (), {}, 1), SfmConfig(), Answer("shared"), no_progress)
+    found = pairs({(0, 1): 20, (1, 2): 20, (2, 9): 3, (0, 9): 0})
+    asked: list[set[Pair]] = []
+
+    def place_by(_: Any, those: dict[Pair, Verified]) -> Model:
+        asked.append(set(those))
+        placed = (40, *views)[len(asked) - 1]
+        if placed is None:
+            raise StageError("no two views could be placed")
+        return first if len(asked) == 1 else Model(placed)
+
+    model, kept = look_alikes.place(state, found, [], place_by)
+    assert asked == [set(found), set(found), {(0, 1), (1, 2), (2, 9)}]
+    assert set(kept) == asked[taken]
+    assert (model is first) is (taken == 0)

@@ -39,7 +39,7 @@ def place(
 ) -> tuple[Any, Pairs]:
     """Find poses; and again, without pairs on the object alone, where sure pairs contradict them.
 
-    Where that places too few views, each keeps its pairs with the partners that share most, however
+    Where that mends nothing, each view keeps its pairs with the partners that share most, however
     little: some of these pairs may be false.
 
     ``place_by`` finds poses and points from pairs, as a pycolmap model; ``positions`` are each
@@ -54,21 +54,20 @@ def place(
         return model, pairs
     other.answer.seconds, other.answer.cpu_seconds = state.answer.seconds, state.answer.cpu_seconds
     enough = MOST_VIEWS * len(model.reg_image_ids())
-    for partners_share in (LEAST_MATCHES, 1):
+    doubtful = unexplained(told) >= FEWEST_PAIRS  # else one more mapping is enough time for it
+    for partners_share in (LEAST_MATCHES, 1) if doubtful else (LEAST_MATCHES,):
         kept = without_look_alikes(pairs, partners_share)
         again = _tried(place_by, other, kept)
-        if again is not None and len(again.reg_image_ids()) >= enough:
-            break
-    else:
-        return model, pairs
-    now = count_explained(pairs, again, positions)
-    if 2 * unexplained(now) > unexplained(told):
-        return model, pairs
-    other.answer.beside_object = now
-    step = f"{unexplained(told)} of {told['pairs']} pairs that share most beside the object"
-    other.answer.tell(f"{step} contradicted the poses: {LEFT_OUT}")
-    state.answer = other.answer
-    return again, kept
+        if again is None or len(again.reg_image_ids()) < enough:
+            continue
+        now = count_explained(pairs, again, positions)
+        if 2 * unexplained(now) <= unexplained(told):
+            other.answer.beside_object = now
+            step = f"{unexplained(told)} of {told['pairs']} pairs that share most beside the object"
+            other.answer.tell(f"{step} contradicted the poses: {LEFT_OUT}")
+            state.answer = other.answer
+            return again, kept
+    return model, pairs
 
 
 def _tried(place_by: Callable[[Attempt, Pairs], Any], state: Attempt, pairs: Pairs) -> Any:

@@ -133,8 +133,27 @@ def test_other_poses_are_taken_where_they_explain_much_more(
     model, kept = look_alikes.place(state, found, [], place_by)
     assert model is (second if taken else first)
     assert set(kept) == asked[1 if taken else 0]
+    assert len(asked) == (2 if taken else 3)
     assert state.answer.beside_object == {"pairs": 100, "explained": shares[model]}
     assert bool(state.answer.fallbacks) is taken
+
+
+@pytest.mark.parametrize(("before", "tries"), [(100, 1), (99, 2), (98, 2), (97, 3)])
+def test_few_unexplained_pairs_are_worth_one_more_mapping(
+    monkeypatch: pytest.MonkeyPatch, before: int, tries: int
+) -> None:
+    monkeypatch.setattr(
+        look_alikes, "count_explained", lambda *_: {"pairs": 100, "explained": before}
+    )
+    state = Attempt(Job("", (), {}, 1), SfmConfig(), Answer("shared"), no_progress)
+    asked: list[set[Pair]] = []
+
+    def place_by(_: Any, those: dict[Pair, Verified]) -> Model:
+        asked.append(set(those))
+        return Model(40)
+
+    look_alikes.place(state, pairs({(0, 1): 20}), [], place_by)
+    assert len(asked) == tries
 
 
 @pytest.mark.parametrize(("views", "taken"), [((30, 40), 2), ((None, 40), 2), ((30, 37), 0)])

@@ -14,6 +14,7 @@ import numpy as np
 
 from mattgs_ops import sfm
 from mattgs_ops.config import SfmConfig
+from mattgs_ops.sfm import look_alikes
 from tests.mattgs_ops import conftest as box
 
 VIEWS = 24
@@ -43,7 +44,7 @@ def reconstructed(blobs: int, seed: int, mode: str) -> tuple[object, ...]:
         config = SfmConfig.model_validate({"mode": mode})
         scene = sfm.reconstruct(capture, photos / "masks", config, Path(folder) / "out")
     told = scene.extra["beside_object"]
-    contradicted = f"{told['pairs'] - told['explained']} of {told['pairs']}" if told else "–"
+    contradicted = f"{look_alikes.unexplained(told)} of {told['pairs']}" if told else "–"
     error = f"{scene.extra['pose_error']['rotation_deg_max']:.1f}"
     return scene.extra["registered"], error, contradicted, scene.extra["poses_in_doubt"]
 

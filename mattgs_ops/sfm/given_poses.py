@@ -100,12 +100,7 @@ def ask_photos(
             its = one.matches if one.on_object is None else one.on_object.matches
             still = matching.stand_still({pair: replace(one, matches=its)}, positions, sides)
             if len(its) >= FEWEST_MATCHES and not still:
-                told[pair] = explained(
-                    pair,
-                    its,
-                    posed,
-                    lambda view, its: mapping.rays_of(model, view, positions[view][its]),
-                )
+                told[pair] = explained(pair, its, posed, mapping.rays_by(model, positions))
     state.answer.given_cameras = Told(told).to_json([view.name for view in job.views])
 
 

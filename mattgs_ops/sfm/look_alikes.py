@@ -114,10 +114,7 @@ def count_explained(
     """Count the sure pairs whose views are placed, and those that a model's poses explain."""
     cameras = mapping.posed(model)
     placed = {pair for pair in sure_pairs(pairs) if set(pair) <= set(cameras)}
-
-    def rays(view: int, rows: NDArray[np.uint32]) -> NDArray[np.float64]:
-        return mapping.rays_of(model, view, positions[view][rows])
-
+    rays = mapping.rays_by(model, positions)
     count = sum(explained(pair, pairs[pair].matches, cameras, rays) for pair in placed)
     return {"pairs": len(placed), "explained": count}
 

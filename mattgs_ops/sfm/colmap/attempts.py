@@ -194,7 +194,7 @@ def _of_whole_or_object(
         return shares_explained(
             {pair: one for pair, one in on_object.items() if pair in those},
             mapping.posed(model),
-            lambda view, rows: mapping.rays_of(model, view, positions[view][rows]),
+            mapping.rays_by(model, positions),
         )
 
     def place(state: Attempt, pairs: Pairs) -> Any:

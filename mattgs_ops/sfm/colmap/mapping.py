@@ -276,6 +276,11 @@ def rays_of(model: Any, view: int, positions: NDArray[np.float64]) -> NDArray[np
     return np.asarray(model.image(view + 1).camera.cam_from_img(positions), dtype=np.float64)
 
 
+def rays_by(model: Any, positions: Sequence[NDArray[np.float64]]) -> Callable[[int, Any], Any]:
+    """Return a function of a view and rows of its key points: these by :func:`rays_of`."""
+    return lambda view, rows: rays_of(model, view, positions[view][rows])
+
+
 def triangulate(model: Any, database: Path, photos: Path, out: Path, options: Any) -> Any:
     """Triangulate all points anew with poses and intrinsics held fixed."""
     import pycolmap

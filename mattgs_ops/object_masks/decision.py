@@ -76,8 +76,9 @@ class Decision:
 
     ``level`` is the mean vote from which on splats that are object meet the maps best.
     ``confirmed`` is the share of outlines that lies on an edge of the photo, by whose outline it
-    is; ``attached`` the area that attached parts add to that of the votes, ``alike`` the share of
-    it that has the object's colours, where it was measured; ``left`` the share of the maps that
+    is; ``attached`` the area that attached parts add to that of the votes (``clear_alone``: those
+    that touch nothing but the object, as not all join), ``alike`` the share of it that has the
+    object's colours, where it was measured; ``left`` the share of the maps that
     the masks of the votes leave. ``own_kept``: maps stay as they were, as correcting them makes
     them worse.
     """
@@ -90,6 +91,7 @@ class Decision:
     confirmed: dict[str, float]
     attached: float
     attached_kept: bool
+    clear_alone: bool
     own_kept: bool
     alike: float | None
     left: float | None
@@ -119,10 +121,11 @@ def decide(
     if votes is None:
         found = _without_votes(views, on_edges)
         return found, corrected(own.maps, others, own.maps, views.silhouettes, 0.0, along=own.maps)
-    certain, whole = views.score(votes.certain), views.score(votes.with_parts)
-    on_edges |= {"votes": certain.mean_on_edges(trained), "attached": whole.mean_on_edges(trained)}
-    parts = choose_parts(views, certain, whole)
-    voted = whole if parts.join else certain
+    certain, clear, whole = map(views.score, (votes.certain, votes.with_clear, votes.with_parts))
+    parts, clear_alone = choose_parts(views, certain, clear, whole)
+    with_parts = parts.scores.mean_on_edges(trained)
+    on_edges |= {"votes": certain.mean_on_edges(trained), "attached": with_parts}
+    voted = parts.scores if parts.join else certain
     agreements = _votes_agreements(votes, voted, views.with_object)
     left = share_left(views, voted.maps)
     choice = choose_masks(views, votes, voted, agreements, left, final=final)
@@ -138,6 +141,7 @@ def decide(
         confirmed=on_edges,
         attached=parts.added,
         attached_kept=parts.join,
+        clear_alone=clear_alone,
         own_kept=kept,
         alike=parts.alike,
         left=left,
@@ -194,6 +198,7 @@ def _without_votes(views: ViewMaps, on_edges: dict[str, float]) -> Decision:
         None,
         on_edges,
         0.0,
+        False,
         False,
         False,
         None,

@@ -168,15 +168,33 @@ class ViewMaps:
 class Parts:
     """Whether attached parts join; ``added`` is the area they add to that of the votes.
 
-    ``alike`` is the share of it that has the object's colours, where it was measured.
+    ``alike`` is the share of it that has the object's colours, where it was measured; ``scores``
+    are those of the votes' object with these parts, whether they join or not.
     """
 
     added: float
     join: bool
     alike: float | None
+    scores: MapScores
 
 
-def choose_parts(views: ViewMaps, certain: MapScores, whole: MapScores) -> Parts:
+def choose_parts(
+    views: ViewMaps, certain: MapScores, clear: MapScores, whole: MapScores
+) -> tuple[Parts, bool]:
+    """Decide which parts join the votes' object, ``certain``: all, those that are ``clear``, none.
+
+    Clear parts, which touch nothing but the object, are asked for where not all join. Returns also
+    whether it was they that joined. ``whole`` is the object with all parts.
+    """
+    parts = parts_that_join(views, certain, whole)
+    if parts.join:
+        return parts, False
+    alone = parts_that_join(views, certain, clear)
+    few = alone.join and alone.added > 0
+    return (alone, True) if few else (parts, False)
+
+
+def parts_that_join(views: ViewMaps, certain: MapScores, whole: MapScores) -> Parts:
     """Decide by the views trained on whether the votes' object, ``certain``, becomes ``whole``.
 
     Few parts join where outlines with them lie on edges about as much as without, and not both
@@ -189,16 +207,17 @@ def choose_parts(views: ViewMaps, certain: MapScores, whole: MapScores) -> Parts
     after, before = whole.mean_on_edges(trained), certain.mean_on_edges(trained)
     if added <= MOST_ATTACHED:
         near = after >= before - MOST_OFF_EDGES
-        return Parts(added, near and not _parts_surely_worse(certain, whole, trained), None)
+        join = near and not _parts_surely_worse(certain, whole, trained)
+        return Parts(added, join, None, whole)
     if views.plain_ground:
-        return Parts(added, join=False, alike=None)
+        return Parts(added, join=False, alike=None, scores=whole)
     alike = [
         share_alike(views.photos[k], thing := certain.maps[k] >= HALF, both & ~thing, ~both)
         for k in trained
         for both in [whole.maps[k] >= HALF]
     ]
     join = after >= before and surely_larger(alike, [HALF] * len(alike))
-    return Parts(added, join, float(np.mean(alike)))
+    return Parts(added, join, float(np.mean(alike)), whole)
 
 
 def _parts_surely_worse(certain: MapScores, whole: MapScores, trained: Sequence[int]) -> bool:

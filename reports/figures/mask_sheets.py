@@ -18,6 +18,7 @@ from reports.rows.schema import Row, capture_name
 LANES = 6
 LONGEST_NAME = 27  # letters that fit above one of LANES photos
 OUTLINE = (255, 40, 30)
+GROUND = 0.5  # its brightness in the sheet: a red outline on a red object does not show by itself
 SOURCES = {
     "given": "came with the photos",
     "grabcut": "are GrabCut's",
@@ -58,7 +59,7 @@ def draw(
     Without ``vector`` there is no PDF, which takes half of the time.
     """
     drawn = chosen(views, flags)
-    pictures = [_outlined(view) for view in drawn]
+    pictures = [outlined(view) for view in drawn]
     lanes = min(LANES, len(drawn))
     figure, grid = canvas(-(-len(drawn) // lanes), lanes, pictures[0], block=1)
     places = grid.ravel()
@@ -96,18 +97,20 @@ def _caption(capture: str, scene: Scene, drawn: int, flags: Flags, place: Path) 
     if network:
         whose += f"; network {network} of the model file is used, surely better than their mean"
     return (
-        f"{capture_name(capture)}. Outlines of the masks, {count}. Masks {whose}. "
+        f"{capture_name(capture)}. Outlines of the masks, {count}; the ground is dimmed. "
+        f"Masks {whose}. "
         f"{f'Flags: {flagged}.' if flagged else 'No photo carries a flag.'}"
     )
 
 
-def _outlined(view: View) -> NDArray[np.float32]:
-    """Return a photo, small, with its mask's outline drawn [H, W, 3] in [0, 1]."""
+def outlined(view: View) -> NDArray[np.float32]:
+    """Return a photo, small, its mask outlined and its ground dimmed [H, W, 3] in [0, 1]."""
     pictures = small(view)
     if pictures is None:
         return np.ones((view.height, view.width, 3), np.float32)
     photo, mask = pictures
-    picture = photo[..., ::-1].copy()
-    lines, _ = cv2.findContours((mask > 127).astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+    inside = mask > 127
+    picture = np.where(inside[..., None], photo, photo * GROUND).astype(np.uint8)[..., ::-1].copy()
+    lines, _ = cv2.findContours(inside.astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     cv2.drawContours(picture, lines, -1, OUTLINE, 1, cv2.LINE_AA)
     return np.asarray(picture / np.float32(255), dtype=np.float32)

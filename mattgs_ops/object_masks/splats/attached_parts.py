@@ -10,7 +10,8 @@ on, this graph falls apart into things:
    or the head of a mast of which votes are not sure.
 2. What is not core falls into connected parts. A part joins when more of its touches are with
    the core than with what cannot be object: ground, or what is far away. A mast's head touches the
-   mast alone; a box beside the object touches the ground along all its foot.
+   mast alone, and is clear; a box beside the object touches the ground along all its foot. Parts
+   that touch both are less sure than clear ones: a foot, or the table beside the object.
 
 Only solid, seen splats make the graph. Fainter ones keep the votes' label, and join where the
 solid one nearest to them did. (Taking them by the nearest solid one alone draws a haze around
@@ -66,9 +67,17 @@ class Touches:
         return total
 
 
+@dataclass(frozen=True)
+class Attached:
+    """Which splats [N] are the object's: with all parts that join, and with clear ones alone."""
+
+    whole: Flags
+    clear: Flags
+
+
 def attached(
     splats: Splats, certain: Flags, solid: Flags, raised: Flags, distances: Floats
-) -> Flags:
+) -> Attached:
     """Return which splats [N] are the object's.
 
     ``certain``: the votes say so; ``solid``: opaque enough, and seen; ``raised``: above the ground;
@@ -77,17 +86,22 @@ def attached(
     index = np.flatnonzero(solid & (distances < FAR + RIM))
     allowed = raised & (distances < FAR)
     if not (certain & allowed)[index].any():
-        return certain & allowed
+        return Attached(certain & allowed, certain & allowed)
     means = splats.means.numpy().astype(np.float64)
     touches = touching(means[index], spreads(splats)[index])
     chosen = grown(touches, (certain & allowed)[index], allowed[index], distances[index])
-    belongs = np.zeros(len(means), dtype=np.bool_)
-    belongs[index] = chosen.core | chosen.joined
     faint = np.setdiff1d(np.flatnonzero(allowed), index)
     nearest = cKDTree(means[index]).query(means[faint])[1]
     dropped = (certain & allowed)[index] & ~chosen.core
-    belongs[faint] = chosen.joined[nearest] | (certain[faint] & ~dropped[nearest])
-    return belongs
+    kept = certain[faint] & ~dropped[nearest]
+
+    def belonging(joined: Flags) -> Flags:
+        belongs = np.zeros(len(means), dtype=np.bool_)
+        belongs[index] = chosen.core | joined
+        belongs[faint] = joined[nearest] | kept
+        return belongs
+
+    return Attached(belonging(chosen.joined), belonging(chosen.clear))
 
 
 def without_stranded(splats: Splats, certain: Flags, solid: Flags, distances: Floats) -> Flags:
@@ -95,15 +109,16 @@ def without_stranded(splats: Splats, certain: Flags, solid: Flags, distances: Fl
 
     For an object whose ground is not cut away: on it parts would join without end.
     """
-    return attached(splats, certain, solid, certain, distances)
+    return attached(splats, certain, solid, certain, distances).whole
 
 
 @dataclass(frozen=True)
 class Grown:
-    """Which splats [N] are the core, and which joined it."""
+    """Which splats [N] are the core, which joined it, and which of these touch nothing else."""
 
     core: Flags
     joined: Flags
+    clear: Flags
 
 
 def grown(touches: Touches, certain: Flags, allowed: Flags, distances: Floats) -> Grown:
@@ -117,8 +132,9 @@ def grown(touches: Touches, certain: Flags, allowed: Flags, distances: Floats) -
     rest = allowed & ~core
     never = ~core & ~rest
     parts = touches.parts(rest)
-    gains = touches.counts(parts, rest, core) > touches.counts(parts, rest, never)
-    return Grown(core, rest & gains[parts])
+    with_core, with_never = (touches.counts(parts, rest, other) for other in (core, never))
+    joined = rest & (with_core > with_never)[parts]
+    return Grown(core, joined, joined & (with_never == 0)[parts])
 
 
 def touching(means: Floats, spreads: Floats, neighbours: int = NEIGHBOURS) -> Touches:

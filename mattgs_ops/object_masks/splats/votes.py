@@ -23,7 +23,7 @@ from mattgs_ops.capture.camera import Camera
 from mattgs_ops.capture.masks import SoftMap
 from mattgs_ops.object_masks.silhouettes import around_half, iou
 from mattgs_ops.object_masks.splats import ground_plane
-from mattgs_ops.object_masks.splats.attached_parts import attached, without_stranded
+from mattgs_ops.object_masks.splats.attached_parts import Attached, attached, without_stranded
 from mattgs_ops.object_masks.splats.labels import (
     UNSEEN,
     Floats,
@@ -53,9 +53,9 @@ class VotedMaps:
 
     ``predicted`` are the maps from the votes of the other views, at least 0.5 on the object;
     ``soft_agreement`` is their IoU with the own map of each view that voted, ``agreement`` the same
-    with splats that are either object or not, from the mean vote ``level`` on. ``certain`` and
-    ``with_parts`` are the maps by all votes, without and with attached parts; ``place`` is where
-    the object is.
+    with splats that are either object or not, from the mean vote ``level`` on. ``certain``,
+    ``with_clear`` and ``with_parts`` are the maps by all votes: without attached parts, with those
+    that touch nothing but the object, and with all; ``place`` is where the object is.
     """
 
     predicted: list[SoftMap]
@@ -63,6 +63,7 @@ class VotedMaps:
     soft_agreement: list[float]
     level: float
     certain: list[SoftMap]
+    with_clear: list[SoftMap]
     with_parts: list[SoftMap]
     place: Place
 
@@ -142,21 +143,21 @@ def masks_of(
     voted = without_ground(splats, again, place) if cut_ground else again
     certain = (voted >= CERTAIN).astype(np.float32)
     joined = with_attached_parts(splats, again, weights, place, splat_votes.direct)
+    answers = [certain, *(one.astype(np.float32) for one in (joined.clear, joined.whole))]
     if not cut_ground:
         seen, far = solid(splats, weights), distances_from(splats, place)
-        whole = without_stranded(splats, certain > 0, seen, far)
-        joined = np.maximum(joined, whole.astype(np.float32))
-    by_all = [
-        render_labels(splats, [certain, joined], camera, place, threads=threads) for camera in shown
-    ]
-    of_certain, of_joined = ([maps[k] for maps in by_all] for k in range(2))
+        uncut = without_stranded(splats, certain > 0, seen, far)
+        answers[1:] = [np.maximum(one, uncut) for one in answers[1:]]
+    by_all = [render_labels(splats, answers, camera, place, threads=threads) for camera in shown]
+    of_certain, of_clear, of_whole = ([maps[k] for maps in by_all] for k in range(3))
     return VotedMaps(
         splat_votes.predicted,
         splat_votes.agreement,
         splat_votes.soft_agreement,
         splat_votes.level,
         of_certain,
-        of_joined,
+        of_clear,
+        of_whole,
         place,
     )
 
@@ -240,18 +241,21 @@ def without_ground(splats: Splats, labels: Floats, place: Place) -> Floats:
 
 def with_attached_parts(
     splats: Splats, labels: Floats, weights: Floats, place: Place, direct: Floats | None = None
-) -> Floats:
-    """Return 1 for splats [N] that are certain object or attached to it, 0 for all others.
+) -> Attached:
+    """Return which splats [N] are certain object or attached to it.
 
     ``direct`` are the labels of the photos' own maps: what they call object where the ground begins
     may be the object's feet. The second round's maps know nothing of it, as the ground was cut.
     """
-    means, distances = splats.means.numpy().astype(np.float64), distances_from(splats, place)
     raised = without_ground(splats, np.ones_like(labels), place) > 0
-    belongs = attached(splats, labels >= CERTAIN, solid(splats, weights), raised, distances)
-    if direct is not None and place.ground is not None:
-        belongs |= _feet(means, belongs, direct >= CERTAIN, place.ground, CONTACT * place.radius)
-    return belongs.astype(np.float32)
+    seen, distances = solid(splats, weights), distances_from(splats, place)
+    found = attached(splats, labels >= CERTAIN, seen, raised, distances)
+    if direct is None or place.ground is None:
+        return found
+    means, salient = splats.means.numpy().astype(np.float64), direct >= CERTAIN
+    ground, reach = place.ground, CONTACT * place.radius
+    both = (found.whole, found.clear)
+    return Attached(*(one | _feet(means, one, salient, ground, reach) for one in both))
 
 
 def _feet(

@@ -68,7 +68,7 @@ def test_the_registry_alone_gives_the_same_bytes(out: Path) -> None:
     assert len(first) > 20
     assert [name for name in first if first[name] != second[name]] == []
     text = (again / "report.md").read_text(encoding="utf-8")
-    assert "Outlines of the masks, all photos." in text, "though the photos are gone"
+    assert "Outlines of the masks, all photos;" in text, "though the photos are gone"
     assert "Flags: 0001.jpg: frame." in text
 
 

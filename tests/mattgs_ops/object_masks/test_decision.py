@@ -20,6 +20,7 @@ CAMERAS = orbit()
 TRUTHS = [truth(camera) for camera in CAMERAS]
 NAMES = [str(index) for index in range(VIEWS)]
 PLACE = Place(CENTRE, RADIUS, None)
+NO_OUTLINES = Silhouettes([soft * 0 for soft in TRUTHS], [0.0] * VIEWS, 1.0)
 
 
 def photos() -> list[np.ndarray]:
@@ -32,10 +33,15 @@ def grown(soft: SoftMap, pixels: int) -> SoftMap:
     return np.asarray(cv2.dilate(soft, np.ones((side, side), np.uint8)), dtype=np.float32)
 
 
-def votes(own: list[SoftMap], sure: list[SoftMap], whole: list[SoftMap] | None = None) -> VotedMaps:
+def votes(
+    own: list[SoftMap],
+    sure: list[SoftMap],
+    whole: list[SoftMap] | None = None,
+    clear: list[SoftMap] | None = None,
+) -> VotedMaps:
     """Make votes whose prediction of each view is what they all say."""
     met = [iou(a >= 0.5, b >= 0.5) for a, b in zip(own, sure, strict=True)]
-    return VotedMaps(sure, met, met, 0.25, sure, whole or sure, PLACE)
+    return VotedMaps(sure, met, met, 0.25, sure, clear or sure, whole or sure, PLACE)
 
 
 def views_of(
@@ -92,8 +98,7 @@ def test_on_plain_ground_votes_must_lie_on_edges_as_much_as_maps(plain: bool) ->
     for soft, camera in zip(beside, CAMERAS, strict=True):
         column, row = camera.project(CENTRE[None])[0][0].astype(int)
         soft[row - 3 : row + 3, column : column + 22] = 1
-    low = Silhouettes([soft * 0 for soft in TRUTHS], [0.0] * VIEWS, 1.0)
-    views = views_of(photos(), TRUTHS, low, plain=plain)
+    views = views_of(photos(), TRUTHS, NO_OUTLINES, plain=plain)
     found, maps = decide(views, votes(TRUTHS, beside))
     assert found.masks == ("maps" if plain else "votes")
     assert ("on plain ground" in found.reason) is plain
@@ -108,8 +113,7 @@ def test_on_plain_ground_maps_whose_outlines_lie_on_edges_need_no_votes(
     own = [t.copy() for t in TRUTHS]
     for soft in own if not mended else []:
         soft[60:66, 4:40] = 1
-    low = Silhouettes([soft * 0 for soft in TRUTHS], [0.0] * VIEWS, 1.0)
-    found, _ = decide(views_of(photos(), own, low, plain=True), votes(own, TRUTHS))
+    found, _ = decide(views_of(photos(), own, NO_OUTLINES, plain=True), votes(own, TRUTHS))
     assert found.masks == masks
     assert ("nothing to mend" in found.reason) is mended
 
@@ -168,9 +172,8 @@ def test_attached_parts_join_where_they_are_few(pixels: int, kept: bool) -> None
         column, row = camera.project(top[None])[0][0].astype(int)
         soft[max(0, row - 6) : row, column - 2 : column + 2] = 1
     whole = [grown(soft, pixels) if pixels else soft for soft in mast]
-    low = Silhouettes([soft * 0 for soft in TRUTHS], [0.0] * VIEWS, 1.0)
     shown = [np.repeat((m * 220).astype(np.uint8)[..., None], 3, axis=2) for m in mast]
-    found, maps = decide(views_of(shown, TRUTHS, low), votes(TRUTHS, TRUTHS, whole))
+    found, maps = decide(views_of(shown, TRUTHS, NO_OUTLINES), votes(TRUTHS, TRUTHS, whole))
     assert found.masks == "votes"
     assert found.attached_kept is kept
     assert np.array_equal(maps[0], whole[0] if kept else TRUTHS[0])
@@ -186,8 +189,7 @@ def test_parts_that_are_surely_worse_by_edges_and_maps_do_not_join(shown: bool) 
         soft[row - 5 : row + 4 + index % 3, column : column + 24] = 1
     drawn = whole if shown else TRUTHS
     pictures = [np.repeat((m * 220).astype(np.uint8)[..., None], 3, axis=2) for m in drawn]
-    low = Silhouettes([soft * 0 for soft in TRUTHS], [0.0] * VIEWS, 1.0)
-    found, maps = decide(views_of(pictures, TRUTHS, low), votes(TRUTHS, TRUTHS, whole))
+    found, maps = decide(views_of(pictures, TRUTHS, NO_OUTLINES), votes(TRUTHS, TRUTHS, whole))
     assert found.confirmed["attached"] > found.confirmed["votes"] - MOST_OFF_EDGES
     assert found.attached < MOST_ATTACHED
     assert found.attached_kept is shown
@@ -206,13 +208,17 @@ def test_many_attached_parts_join_where_they_have_the_objects_colours(alike: boo
         cv2.drawContours(photo, cv2.findContours(whole.astype(np.uint8), 0, 2)[0], -1, (0, 0, 0))
         photo[middle > 0] = [40, 90, 160]
         pictures.append(photo)
-    low = Silhouettes([soft * 0 for soft in TRUTHS], [0.0] * VIEWS, 1.0)
-    found, maps = decide(views_of(pictures, core, low), votes(core, core, TRUTHS))
+    views = views_of(pictures, core, NO_OUTLINES)
+    found, maps = decide(views, votes(core, core, TRUTHS))
     assert found.attached > MOST_ATTACHED
     assert found.alike is not None
     assert (found.alike > 0.5) is alike
     assert found.attached_kept is alike
     assert np.array_equal(maps[0], TRUTHS[0] if alike else core[0])
+    clear = [cv2.erode(t, np.ones((7, 7), np.uint8)) for t in TRUTHS]
+    found, maps = decide(views, votes(core, core, TRUTHS, clear))
+    assert (found.attached_kept, found.clear_alone) == (True, not alike)
+    assert np.array_equal(maps[0], TRUTHS[0] if alike else clear[0])
 
 
 @pytest.mark.parametrize("met", [True, False])
@@ -279,8 +285,7 @@ def test_leaks_outside_the_other_silhouettes_are_taken_out() -> None:
     own[2][4:24, 4:24] = 1
     full = [np.ones_like(t) for t in TRUTHS]
     found, maps = decided(own, full)
-    assert found.masks == "maps"
-    assert (maps[2][8:20, 8:20] < 0.5).all()
+    assert (found.masks, bool((maps[2][8:20, 8:20] < 0.5).all())) == ("maps", True)
 
 
 def test_without_votes_maps_are_corrected_by_silhouettes() -> None:

@@ -5,7 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from mattgs_ops.object_masks.map_scores import MOST_ATTACHED, ViewMaps, choose_parts
+from mattgs_ops.object_masks.map_scores import (
+    MOST_ATTACHED,
+    ViewMaps,
+    choose_parts,
+    parts_that_join,
+)
 from mattgs_ops.object_masks.silhouettes import Silhouettes
 from tests.mattgs_ops.object_masks.ball import orbit
 
@@ -54,7 +59,7 @@ def test_a_part_that_no_map_shows_joins_where_the_photos_show_it(shown: bool) ->
     own, whole = [box(THING)] * VIEWS, [box(THING, BESIDE)] * VIEWS
     photos = [photo_of(whole[0] if shown else own[0])] * VIEWS
     views = views_of(own, photos)
-    found = choose_parts(views, views.own, views.score(whole))
+    found = parts_that_join(views, views.own, views.score(whole))
     assert found.added == pytest.approx(12 * 12 / 20**2)
     assert found.added < MOST_ATTACHED
     assert found.alike is None
@@ -70,12 +75,26 @@ def test_parts_larger_than_half_of_the_thing_join_where_they_have_its_colours(al
     photos = [photo] * VIEWS
     views = views_of([core] * VIEWS, photos)
     both = views.score([whole] * VIEWS)
-    found = choose_parts(views, views.own, both)
+    found = parts_that_join(views, views.own, both)
     assert found.added == pytest.approx(1.0)
     assert found.alike == (1.0 if alike else 0.0)
     assert found.join is alike
-    on_cloth = choose_parts(views_of([core] * VIEWS, photos, plain=True), views.own, both)
+    on_cloth = parts_that_join(views_of([core] * VIEWS, photos, plain=True), views.own, both)
     assert (on_cloth.added, on_cloth.join, on_cloth.alike) == (found.added, False, None)
+
+
+def test_clear_parts_join_where_not_all_do() -> None:
+    """The photos show a part beside the thing; what else would join has no edge there."""
+    thing, part = box(THING), box(THING, BESIDE)
+    flood = box(THING, BESIDE, (slice(2, 58), slice(2, 58)))
+    views = views_of([thing] * VIEWS, [photo_of(part)] * VIEWS)
+    certain, clear, all_parts = (views.score([one] * VIEWS) for one in (thing, part, flood))
+    found, clear_alone = choose_parts(views, certain, clear, all_parts)
+    assert (found.join, clear_alone, found.scores) == (True, True, clear)
+    # all join where they may, and what clear parts do not add is told of all of them
+    assert choose_parts(views, certain, certain, clear)[1] is False
+    refused, clear_alone = choose_parts(views, certain, certain, all_parts)
+    assert (refused.join, clear_alone, refused.scores) == (False, False, all_parts)
 
 
 def test_views_that_are_not_trained_on_change_nothing() -> None:
@@ -84,7 +103,7 @@ def test_views_that_are_not_trained_on_change_nothing() -> None:
     photos = [shown, shown, hidden, hidden]
     for first_two, joins in ((True, True), (False, False)):
         views = views_of(own, photos, [first_two] * 2 + [not first_two] * 2)
-        assert choose_parts(views, views.own, views.score(whole)).join is joins
+        assert parts_that_join(views, views.own, views.score(whole)).join is joins
 
 
 def test_before_votes_own_maps_are_compared_with_edges_and_silhouettes() -> None:

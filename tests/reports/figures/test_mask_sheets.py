@@ -60,3 +60,18 @@ def test_a_title_fits_above_its_photo() -> None:
     long = mask_sheets.title("left__DSC_0001_copy_of_copy.jpg", [])
     assert len(long) == mask_sheets.LONGEST_NAME
     assert long == "left__DSC_000…y_of_copy.jpg"
+
+
+def test_ground_is_dimmed_and_the_object_is_not(tmp_path: Path) -> None:
+    """On an object as red as the outline only the dimmed ground shows what the mask holds."""
+    view = scene(tmp_path, {}).views[0]
+    photo, mask = np.full((30, 40, 3), 90, np.uint8), np.zeros((30, 40), np.uint8)
+    photo[..., 2] = 200  # OpenCV writes blue, green, red
+    mask[10:20, 10:30] = 255
+    cv2.imwrite(str(view.photo), photo)
+    cv2.imwrite(str(view.mask), mask)
+    drawn = (mask_sheets.outlined(view) * 255).round().astype(int)
+    high, wide = drawn.shape[:2]
+    assert drawn[high // 2, wide // 2].tolist() == [200, 90, 90]
+    assert drawn[2, 2].tolist() == [100, 45, 45]
+    assert drawn[:, wide // 2, 0].max() > 200, "the outline, drawn smoothly, is redder than both"

@@ -153,4 +153,4 @@ def test_a_mere_note_leaves_the_verdict(make_row: Callable[..., Row], tmp_path: 
 def test_each_capture_has_a_sheet_of_its_masks(built: Path) -> None:
     assert (built.parent / "figures" / "figure-masks-rover.png").is_file()
     text = built.read_text(encoding="utf-8")
-    assert "Outlines of the masks, all photos." in text
+    assert "Outlines of the masks, all photos;" in text

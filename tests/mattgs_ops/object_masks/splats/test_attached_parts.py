@@ -74,21 +74,38 @@ def scene() -> dict[str, np.ndarray]:
 
 
 def belonging(
-    things: dict[str, np.ndarray], sure: set[str], faint: set[str], radius: float = 0.9
+    things: dict[str, np.ndarray],
+    sure: set[str],
+    faint: set[str],
+    radius: float = 0.9,
+    *,
+    clear: bool = False,
 ) -> dict[str, float]:
-    """Return the share of each thing that is the object's."""
+    """Return the share of each thing that is the object's, with all parts or with clear ones."""
     means = np.concatenate(list(things.values()))
     names = np.repeat(list(things), [len(points) for points in things.values()])
     distances = np.linalg.norm(means - [0, 0, 0.5], axis=1) / radius
     solid = ~np.isin(names, list(faint))
     certain = np.isin(names, list(sure))
-    found = attached(splats_at(means), certain, solid, means[:, 2] > 0.05, distances)
+    both = attached(splats_at(means), certain, solid, means[:, 2] > 0.05, distances)
+    found = both.clear if clear else both.whole
     return {name: float(found[names == name].mean()) for name in things}
 
 
 def test_a_head_joins_by_its_mast_a_box_on_the_ground_does_not() -> None:
     found = belonging(scene(), sure={"body", "mast", "speck"}, faint=set())
     assert found == {"body": 1, "mast": 1, "head": 1, "box": 0, "ground": 0, "speck": 0}
+
+
+def test_a_part_that_touches_the_ground_a_little_joins_and_is_not_clear() -> None:
+    things = scene()
+    things["skirt"] = block((-0.5, -0.7, 0.2), (0.5, -0.6, 0.6))  # along the body's whole side …
+    things["hem"] = block(
+        (0.0, -0.7, 0.1), (0.0, -0.7, 0.1)
+    )  # … and down to the ground at one spot
+    for clear, skirt in ((False, 1), (True, 0)):
+        found = belonging(things, sure={"body", "mast"}, faint=set(), clear=clear)
+        assert (found["head"], found["skirt"], found["box"]) == (1, skirt, 0)
 
 
 def test_a_mast_that_no_view_is_sure_of_joins_with_its_head() -> None:
@@ -129,6 +146,7 @@ def test_pieces_of_the_core_within_the_radius_stay_and_stranded_ones_go() -> Non
     sure = np.ones(6, dtype=bool)
     distances = np.array([0.1, 0.2, 0.3, 1.5, 1.6, 0.9])
     found = grown(touches, sure, sure, distances)
+    assert not found.clear.any()
     assert found.core.tolist() == [True, True, True, False, False, True]
     assert not found.joined.any()
 

@@ -101,7 +101,8 @@ def agreed(splats: Splats, cameras: list[Camera]) -> tuple[list[np.ndarray], Pla
     first = [
         stretched(render_labels(splats, [labels], camera, place)[0], QUARTER) for camera in cameras
     ]
-    labels = with_attached_parts(splats, labelled(splats, cameras, first)[0], weights, place)
+    found = with_attached_parts(splats, labelled(splats, cameras, first)[0], weights, place)
+    labels = found.whole.astype(np.float32)
     return [render_labels(splats, [labels], camera, place)[0] for camera in cameras], place
 
 
@@ -147,10 +148,9 @@ def test_a_spot_that_no_view_finds_is_object_because_it_is_part_of_the_ball() ->
     assert place is not None
     spot = np.linalg.norm(splats.means.numpy() - top, axis=1) < 0.1
     assert without_ground(splats, labels, place)[spot].max() < 0.3
-    labels = with_attached_parts(splats, labels, weights, place)
-    assert set(np.unique(labels)) == {0, 1}
-    assert labels[spot].min() == 1
-    assert labels[BALL:].max() == 0  # the desk, on which the ball touches it too
+    belongs = with_attached_parts(splats, labels, weights, place).whole
+    assert belongs[spot].all()
+    assert not belongs[BALL:].any()  # the desk, on which the ball touches it too
 
 
 def test_maps_that_show_nothing_locate_nothing() -> None:
@@ -242,10 +242,11 @@ def test_an_object_keeps_what_it_stands_on_and_gets_no_shadow_beside_it() -> Non
     foot = stands & (means[:, 2] < 0.03 * place.radius)
     seen = np.ones(len(means), np.float32)
     cut = with_attached_parts(splats, labels, seen, place)
-    assert cut[foot].max() == 0, "that low nothing is object by the second round's maps"
+    assert not cut.whole[foot].any(), "that low nothing is object by the second round's maps"
     kept = with_attached_parts(splats, labels, seen, place, labels)
-    assert kept[stands].min() == 1
-    assert kept[shadow].max() == 0
+    for belongs in (kept.whole, kept.clear):
+        assert belongs[stands].all()
+        assert not belongs[shadow].any()
     footless = np.where(foot, 0, labels).astype(np.float32)
     without = with_attached_parts(splats, labels, seen, place, footless)
-    assert without[foot].max() == 0, "it is in no photo's map"
+    assert not without.whole[foot].any(), "it is in no photo's map"

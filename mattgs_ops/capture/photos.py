@@ -25,13 +25,15 @@ SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp",
 # Files that operating systems and other tools leave beside photos; everything else is named.
 SYSTEM_FILES = frozenset({"thumbs.db", "desktop.ini"})
 IGNORED_FILES = SYSTEM_FILES | {"transforms.json"} | LIST_FILES
+# What phones, editors and Google Takeout write about a photo: IMG_1.AAE, IMG_1.xmp, IMG_1.jpg.json
+NOTES = ("", ".supplemental-metadata")
+SIDECARS = (".aae", ".xmp", *(f"{kind}{note}.json" for kind in SUFFIXES for note in NOTES))
 IGNORED_FOLDERS = frozenset({"masks", "sparse"})
 OUTPUT_MARK = ".mattgs-out"  # an empty file in folders of our own output
 PNG_BIT_DEPTH_OFFSET = 24  # byte of IHDR, PNG specification section 11.2.2
 TIFF_BITS_PER_SAMPLE = 258
 FILM_DIAGONAL = math.hypot(36.0, 24.0)  # mm, of the film that 35 mm equivalents refer to
-# Focal lengths as shares of the longest side: COLMAP's own bounds (its mapper's min_ and
-# max_focal_length_ratio), outside which no view is placed
+# Shares of the longest side: COLMAP's min_ and max_focal_length_ratio, outside which it places none
 FOCAL_SHARES = (0.1, 10.0)
 SAME_SHAPE = 0.02  # difference of aspect ratios that rounding of pixels explains
 UPRIGHT, SIDEWAYS = 1, frozenset({5, 6, 7, 8})  # EXIF 2.32, orientation
@@ -76,15 +78,14 @@ def list_photos(folder: Path, masks: Path | None = None) -> tuple[list[Path], li
     """Return the files of ``folder`` that should be photos, sorted by name, and the problems.
 
     Folders within are read too; numbers in names count by their value. Hidden files and folders,
-    ``Thumbs.db``, ``desktop.ini``, ``transforms.json``, lists of a split, folders ``masks/`` and
-    ``sparse/``, our own output, and the folder ``masks`` that the user named are passed over. Any
-    other file that is not an image is a problem: photos that are silently left out would change the
-    split.
+    :data:`IGNORED_FILES`, :data:`SIDECARS`, folders ``masks/`` and ``sparse/``, our own output, and
+    the folder ``masks`` that the user named are passed over. Any other file that is not an image is
+    a problem: photos that are silently left out would change the split.
     """
     photos, problems = [], []
     for path in sorted(_files(folder, masks, set()), key=lambda p: numbers_by_value(str(p))):
         lower = path.name.lower()
-        if lower in IGNORED_FILES:
+        if lower in IGNORED_FILES or lower.endswith(SIDECARS):
             continue
         named = _name_problem(path, folder)
         if named:

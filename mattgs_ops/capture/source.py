@@ -17,7 +17,13 @@ from mattgs_ops.capture.formats import colmap, nerfstudio
 from mattgs_ops.capture.formats.colmap_model import model_files
 from mattgs_ops.capture.formats.posed import PosedCapture, PosedPhoto, raise_all
 from mattgs_ops.capture.formats.split_lists import listed_names, read_lists
-from mattgs_ops.capture.photos import FOLDER_MARK, OUTPUT_MARK, SYSTEM_FILES, list_photos
+from mattgs_ops.capture.photos import (
+    FOLDER_MARK,
+    OUTPUT_MARK,
+    SIDECARS,
+    SYSTEM_FILES,
+    list_photos,
+)
 from mattgs_ops.capture.scene import Split
 from mattgs_ops.capture.video import VIDEO_SUFFIXES
 from mattgs_ops.config import CaptureConfig
@@ -78,7 +84,8 @@ class Source:
 def files_below(folder: Path) -> Iterator[Path]:
     """Yield the files below a folder but those that systems leave there: hidden ones, Thumbs.db."""
     for path in folder.rglob("*"):
-        own = path.name.startswith(".") or path.name.lower() in SYSTEM_FILES
+        lower = path.name.lower()
+        own = lower.startswith(".") or lower in SYSTEM_FILES or lower.endswith(SIDECARS)
         if path.is_file() and not own:
             yield path
 

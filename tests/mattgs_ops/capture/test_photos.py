@@ -164,10 +164,10 @@ def test_on_white_leaves_opaque_photos_alone() -> None:
     assert on_white(Photo(rgb, None)) is rgb
 
 
-def test_listing_sorts_by_name_and_passes_over_what_systems_leave(tmp_path: Path) -> None:
+def test_listing_sorts_by_name_and_passes_over_what_systems_and_tools_leave(tmp_path: Path) -> None:
     for name in ("b.jpg", "a.png", "C.JPG"):
         Image.fromarray(colours()).save(tmp_path / name)
-    for name in (".DS_Store", "Thumbs.db", "transforms.json"):
+    for name in (".DS_Store", "Thumbs.db", "transforms.json", "C.AAE", "a.xmp", "b.jpg.json"):
         (tmp_path / name).write_bytes(b"x")
     (tmp_path / "masks").mkdir()
     photos, problems = list_photos(tmp_path)

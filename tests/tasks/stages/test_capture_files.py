@@ -107,7 +107,7 @@ def test_what_systems_and_tools_leave_beside_photos_does_not_count(tmp_path: Pat
     shutil.copytree(tmp_path / "a" / "masks", tmp_path / "own")
     before = digest(tmp_path / "a", masks=tmp_path / "own")
     for folder in ("a", "a/images", "a/masks", "a/masks/left", "own", "own/left"):
-        for name in (".DS_Store", "Thumbs.db"):
+        for name in (".DS_Store", "Thumbs.db", "a.xmp", "a.jpg.supplemental-metadata.json"):
             (tmp_path / folder / name).write_bytes(b"x")
     (tmp_path / "a" / "database.db").write_bytes(b"COLMAP's, written anew when it is opened")
     assert digest(tmp_path / "a", masks=tmp_path / "own") == before

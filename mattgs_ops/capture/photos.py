@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import ExifTags, Image, UnidentifiedImageError
 
-from mattgs_ops.capture.formats.split_lists import LIST_FILES
+from mattgs_ops.capture.formats.not_read import advice
+from mattgs_ops.capture.formats.split_lists import LIST_FILES, NERF_LISTS
 from mattgs_ops.errors import InputError, StageError
 from mattgs_ops.naming import numbers_by_value
 
@@ -78,14 +79,15 @@ def list_photos(folder: Path, masks: Path | None = None) -> tuple[list[Path], li
     """Return the files of ``folder`` that should be photos, sorted by name, and the problems.
 
     Folders within are read too; numbers in names count by their value. Hidden files and folders,
-    :data:`IGNORED_FILES`, :data:`SIDECARS`, folders ``masks/`` and ``sparse/``, our own output, and
-    the folder ``masks`` that the user named are passed over. Any other file that is not an image is
-    a problem: photos that are silently left out would change the split.
+    :data:`IGNORED_FILES`, :data:`SIDECARS`, NeRF's lists among photos, folders ``masks/`` and
+    ``sparse/``, our own output, and the folder ``masks`` that the user named are passed over. Any
+    other file that is not an image is a problem: photos that are silently left out would change the
+    split.
     """
     photos, problems = [], []
     for path in sorted(_files(folder, masks, set()), key=lambda p: numbers_by_value(str(p))):
         lower = path.name.lower()
-        if lower in IGNORED_FILES or lower.endswith(SIDECARS):
+        if lower in IGNORED_FILES or lower.endswith(SIDECARS) or _lists_photos_beside(path):
             continue
         named = _name_problem(path, folder)
         if named:
@@ -94,7 +96,7 @@ def list_photos(folder: Path, masks: Path | None = None) -> tuple[list[Path], li
             photos.append(path)
         else:
             problems.append(
-                f"{path}: not an image; remove it or move it to another folder{_hint(lower)}"
+                f"{path}: not an image; remove it or move it to another folder{advice(lower)}"
             )
     return photos, problems
 
@@ -279,6 +281,12 @@ def _is_image(path: Path) -> bool:
         return False
 
 
+def _lists_photos_beside(path: Path) -> bool:
+    """Whether NeRF's list lies among photos; in NeRF's own layout these lie in folders below."""
+    beside = (one.suffix.lower() for one in path.parent.iterdir())
+    return path.name in NERF_LISTS.values() and not SUFFIXES.isdisjoint(beside)
+
+
 def _name_problem(path: Path, folder: Path) -> str:
     """Say what is wrong with a file's name; empty where it can be used."""
     try:
@@ -287,14 +295,4 @@ def _name_problem(path: Path, folder: Path) -> str:
         return f"{str(path)!a}: its name is not UTF-8; rename it"
     if len(name) > LONGEST_NAME:
         return f"{path}: its name is {len(name)} bytes long with its folders; shorten it"
-    return ""
-
-
-def _hint(lower_name: str) -> str:
-    if lower_name.endswith((".heic", ".heif", ".avif")):
-        return " (this format is not read: convert it to JPEG)"
-    if lower_name.endswith((".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf")):
-        return " (raw files are not read: develop them to JPEG)"
-    if lower_name.endswith((".mp4", ".mov", ".avi", ".mkv")):
-        return " (give a video as --video FILE)"
     return ""

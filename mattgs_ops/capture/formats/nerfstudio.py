@@ -20,19 +20,13 @@ from PIL import Image
 from mattgs_ops.capture.camera import Intrinsics, from_opengl
 from mattgs_ops.capture.formats.colmap_cameras import coefficients
 from mattgs_ops.capture.formats.posed import PosedCapture, PosedPhoto, path_inside, raise_all
-from mattgs_ops.capture.formats.split_lists import SplitLists, listed_names
+from mattgs_ops.capture.formats.split_lists import NERF_LISTS, SplitLists, listed_names
 from mattgs_ops.capture.photos import FORMATS, UNREADABLE
 from mattgs_ops.capture.scene import Split
 from mattgs_ops.capture.undistortion import Lens
 from mattgs_ops.errors import InputError
 
 FILE = "transforms.json"
-# NeRF's files by what they hold
-SPLIT_FILES = {
-    "train": "transforms_train.json",
-    "validation": "transforms_val.json",
-    "test": "transforms_test.json",
-}
 ROTATION_TOLERANCE = 1e-3  # poses written with few digits still count as rotations
 PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE")
 BROWN = ("OPENCV", "SIMPLE_RADIAL", "RADIAL", "FULL_OPENCV")
@@ -67,15 +61,15 @@ def read_nerfstudio(folder: Path) -> PosedCapture:
 
 
 def _is_split(folder: Path) -> bool:
-    return (folder / SPLIT_FILES["train"]).is_file()
+    return (folder / NERF_LISTS["train"]).is_file()
 
 
 def _read_split(folder: Path) -> PosedCapture:
     """Read NeRF's layout; validation photos count only where there are no test photos."""
-    paths = {kind: folder / name for kind, name in SPLIT_FILES.items()}
+    paths = {kind: folder / name for kind, name in NERF_LISTS.items()}
     held_out = next((paths[k] for k in ("test", "validation") if paths[k].is_file()), None)
     if held_out is None:
-        raise InputError(f"{paths['train']}: expected {SPLIT_FILES['test']} beside it")
+        raise InputError(f"{paths['train']}: expected {NERF_LISTS['test']} beside it")
     train_data, train = _read(paths["train"])
     _, test = _read(held_out)
     photos = _sorted_unique([*train, *test], folder)

@@ -21,6 +21,12 @@ FILES = {
     "validation": ("val_list.txt", "val.txt"),
     "test": ("test_list.txt", "test.txt"),
 }
+# NeRF's own layout: frames with their cameras, a file per split
+NERF_LISTS = {
+    "train": "transforms_train.json",
+    "validation": "transforms_val.json",
+    "test": "transforms_test.json",
+}
 LIST_FILES = frozenset(name for names in FILES.values() for name in names)
 MOST_NAMED = 5  # photos in one message
 

@@ -57,8 +57,8 @@ def fill(views: Sequence[View], count: int, seed: int) -> SparsePoints:
             "random points: masks and camera poses have no common volume; expected poses under "
             "which all masks show one object. Where cameras came with the capture, they are not "
             "those of its photos, or in other axes: a COLMAP model is world-to-camera, "
-            "`transform_matrix` camera-to-world in OpenGL's axes (x right, y up, z back). Mend "
-            'them, or have poses estimated (sfm.poses = "estimate")'
+            "`transform_matrix` must be camera-to-world, in OpenGL's axes (x right, y up, z "
+            'back). Mend them, or have poses estimated (sfm.poses = "estimate")'
         )
     rgb, seen = _colours(xyz, posed)
     return SparsePoints(xyz, rgb, np.ones(len(xyz), dtype=np.float32), seen)

@@ -82,7 +82,7 @@ class Source:
 
 
 def files_below(folder: Path) -> Iterator[Path]:
-    """Yield the files below a folder but those that systems leave there: hidden ones, Thumbs.db."""
+    """Yield the files below a folder but those that systems and tools leave there."""
     for path in folder.rglob("*"):
         lower = path.name.lower()
         own = lower.startswith(".") or lower in SYSTEM_FILES or lower.endswith(SIDECARS)

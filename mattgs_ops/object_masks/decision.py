@@ -121,8 +121,8 @@ def decide(
     if votes is None:
         found = _without_votes(views, on_edges)
         return found, corrected(own.maps, others, own.maps, views.silhouettes, 0.0, along=own.maps)
-    certain, clear, whole = map(views.score, (votes.certain, votes.with_clear, votes.with_parts))
-    parts, clear_alone = choose_parts(views, certain, clear, whole)
+    certain, whole = views.score(votes.certain), views.score(votes.with_parts)
+    parts, clear_alone = choose_parts(views, certain, votes.with_clear, whole)
     with_parts = parts.scores.mean_on_edges(trained)
     on_edges |= {"votes": certain.mean_on_edges(trained), "attached": with_parts}
     voted = parts.scores if parts.join else certain

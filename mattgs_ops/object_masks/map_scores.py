@@ -179,17 +179,17 @@ class Parts:
 
 
 def choose_parts(
-    views: ViewMaps, certain: MapScores, clear: MapScores, whole: MapScores
+    views: ViewMaps, certain: MapScores, clear: Sequence[SoftMap], whole: MapScores
 ) -> tuple[Parts, bool]:
     """Decide which parts join the votes' object, ``certain``: all, those that are ``clear``, none.
 
-    Clear parts, which touch nothing but the object, are asked for where not all join. Returns also
-    whether it was they that joined. ``whole`` is the object with all parts.
+    Clear parts, which touch nothing but the object, are scored and asked for only where not all
+    join. Returns also whether it was they that joined. ``whole`` is the object with all parts.
     """
     parts = parts_that_join(views, certain, whole)
     if parts.join:
         return parts, False
-    alone = parts_that_join(views, certain, clear)
+    alone = parts_that_join(views, certain, views.score(clear))
     few = alone.join and alone.added > 0
     return (alone, True) if few else (parts, False)
 

@@ -88,12 +88,12 @@ def test_clear_parts_join_where_not_all_do() -> None:
     thing, part = box(THING), box(THING, BESIDE)
     flood = box(THING, BESIDE, (slice(2, 58), slice(2, 58)))
     views = views_of([thing] * VIEWS, [photo_of(part)] * VIEWS)
-    certain, clear, all_parts = (views.score([one] * VIEWS) for one in (thing, part, flood))
-    found, clear_alone = choose_parts(views, certain, clear, all_parts)
-    assert (found.join, clear_alone, found.scores) == (True, True, clear)
+    certain, whole, all_parts = (views.score([one] * VIEWS) for one in (thing, part, flood))
+    found, clear_alone = choose_parts(views, certain, whole.maps, all_parts)
+    assert (found.join, clear_alone, found.scores) == (True, True, whole)
     # all join where they may, and what clear parts do not add is told of all of them
-    assert choose_parts(views, certain, certain, clear)[1] is False
-    refused, clear_alone = choose_parts(views, certain, certain, all_parts)
+    assert choose_parts(views, certain, certain.maps, whole)[1] is False
+    refused, clear_alone = choose_parts(views, certain, certain.maps, all_parts)
     assert (refused.join, clear_alone, refused.scores) == (False, False, all_parts)
 
 

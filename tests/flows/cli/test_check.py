@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from flows.cli.app import app
-from flows.cli.check import A_STEP, A_TRAINING, FURTHER_ATTEMPTS, seconds
+from flows.cli.check import A_STEP, A_TRAINING, estimate
 from mattgs_ops.capture.scene import PreparedCapture, View
 from mattgs_ops.config import BUNDLED, BenchmarkConfig
 from mattgs_ops.errors import InputError
@@ -52,6 +52,7 @@ def test_photos_are_looked_at_and_masks_drawn(tmp_path: Path) -> None:
     assert "3 photos, 800x600 pixels" in result.output
     assert "about 3 of 3 photos will get a camera" in result.output
     assert "a full run takes about" in result.output
+    assert "; where photos without a camera are sought anew, up to " in result.output
     sheet = tmp_path / "out" / "checks" / "photos" / "masks.png"
     assert np.asarray(cv2.imread(str(sheet))).shape[1] > 500
     assert [path.name for path in sheet.parent.glob("masks.*")] == ["masks.png"]
@@ -100,7 +101,7 @@ def test_photos_that_will_be_sought_anew_take_longer(tmp_path: Path) -> None:
     cv2.imwrite(str(photos / "noise.png"), noise)
     result = checked(photos, tmp_path / "out", *masks_for(photos, tmp_path / "masks"))
     assert "about 4 of 5 photos will get a camera" in result.output
-    assert FURTHER_ATTEMPTS in result.output
+    assert "; as photos without a camera are sought anew, up to " in result.output
 
 
 def test_all_captures_of_a_file_are_looked_at(tmp_path: Path) -> None:
@@ -253,11 +254,16 @@ def test_more_photos_and_more_steps_take_longer(tmp_path: Path) -> None:
         view = View("a.jpg", "train", 640, 480, tmp_path / "a", None, None)
         return PreparedCapture("x", tmp_path, (view,) * count, "none", "none")
 
+    def takes(count: int, config: BenchmarkConfig) -> float:
+        return estimate(of(count), config, count, given=False).seconds
+
     short, long = BenchmarkConfig(), BenchmarkConfig(iterations=30_000)
-    assert seconds(of(60), short) > seconds(of(30), short)
-    assert seconds(of(30), long) == pytest.approx(
-        seconds(of(30), short) + 6 * 29_000 * A_STEP / 2, rel=0.01
-    )
+    assert takes(60, short) > takes(30, short)
+    assert takes(30, long) == pytest.approx(takes(30, short) + 6 * 29_000 * A_STEP / 2, rel=0.01)
     two = BenchmarkConfig(budgets=(5000, 10_000))
     trainings = 6 * (1000 * A_STEP + A_TRAINING) / 2
-    assert seconds(of(30), two) == pytest.approx(seconds(of(30), short) + trainings)
+    assert takes(30, two) == pytest.approx(takes(30, short) + trainings)
+    # cameras that came along are not sought anew
+    assert estimate(of(30), short, 30, given=True).further_attempts == 0
+    assert not estimate(of(30), short, 30, given=False).likely_again
+    assert estimate(of(30), short, 20, given=False).likely_again

@@ -7,15 +7,16 @@ import sys
 import urllib.error
 import urllib.request
 import webbrowser
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from flows.services import embedded, registries
 from mattgs_ops.errors import InputError, StageError
+from tasks.registry import interface_view, runs
 
 ANSWER_SECONDS = 10.0  # that a server may take to say that it is there
-HINT = "In a benchmark, Views > Benchmark shows the tables' columns."
+MOST_LISTED = 20  # benchmarks; the front page has all
 
 
 def show(out: Path, port: int, *, browser: bool) -> None:
@@ -37,10 +38,23 @@ def _open(address: str, *, browser: bool) -> None:
         pass
     except (OSError, ValueError) as error:
         raise InputError(f"MLFLOW_TRACKING_URI={address}: no server answers: {error}") from error
-    sys.stdout.write(f"MLflow: {address} (the server of MLFLOW_TRACKING_URI). {HINT}\n")
-    sys.stdout.flush()
+    pages: dict[str, str] = {}
+    shown = registries.without_password(address)
+    with suppress(InputError):  # it wants to be signed in to
+        runs.initialise(address)
+        pages = interface_view.benchmark_pages(address, shown)
+    _print_pages(shown, "the server of MLFLOW_TRACKING_URI", pages)
     if browser:
-        webbrowser.open(address)
+        only = next(iter(pages.values())) if len(pages) == 1 else None
+        webbrowser.open(only or interface_view.front_page(shown))
+
+
+def _print_pages(server: str, what: str, pages: Mapping[str, str]) -> None:
+    """Print where the list of all experiments is, and each benchmark with its tables' columns."""
+    lines = [f"MLflow: {interface_view.front_page(server)} ({what})"]
+    lines += [f"  {name}: {page}" for name, page in list(pages.items())[:MOST_LISTED]]
+    sys.stdout.write("\n".join(lines) + "\n")
+    sys.stdout.flush()
 
 
 def _serve(out: Path, port: int) -> None:
@@ -50,14 +64,13 @@ def _serve(out: Path, port: int) -> None:
             f"{out}: no runs were recorded there; run `mattgs run` first, or --out DIR"
         )
     embedded.enter(out)
+    address, tracking = f"http://127.0.0.1:{port}", registries.current(out)
+    runs.initialise(tracking)
+    pages = interface_view.benchmark_pages(tracking, address)
     os.environ["MLFLOW_SERVER_ENABLE_JOB_EXECUTION"] = "false"  # starts in half the time
     command = [sys.executable, "-P", "-m", "mlflow", "server", "--workers", "1"]
-    command += ["--host", "127.0.0.1", "--port", str(port)]
-    command += ["--backend-store-uri", registries.current(out)]
-    sys.stdout.write(
-        f"MLflow: http://127.0.0.1:{port} (starting takes some seconds; Ctrl-C ends). {HINT}\n"
-    )
-    sys.stdout.flush()
+    command += ["--host", "127.0.0.1", "--port", str(port), "--backend-store-uri", tracking]
+    _print_pages(address, "starting takes some seconds; Ctrl-C ends", pages)
     with _ended_too(subprocess.Popen(command, start_new_session=True)) as server:
         code = server.wait()
     if code != 0:

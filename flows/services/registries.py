@@ -34,12 +34,12 @@ def existing(out: Path) -> str | None:
 
 def shown(out: Path) -> str:
     """Return where MLflow is now, without a password."""
-    return f"MLflow at {_as_noted(current(out))}"
+    return f"MLflow at {without_password(current(out))}"
 
 
 def note(out: Path) -> None:
     """Note the current registry, unless it is the folder's own; call when it has answered."""
-    address = _as_noted(current(out))
+    address = without_password(current(out))
     if address != own(out) and address not in _noted(out):
         with (out / FILE).open("a", encoding="utf-8") as file:
             file.write(f"{address}\n")
@@ -51,7 +51,7 @@ def everyone(out: Path) -> list[str]:
     Raises :class:`InputError` for a noted file that is not there: what it refers to is not known.
     """
     now = current(out)
-    addresses: Mapping[str, str] = {_as_noted(now): now}
+    addresses: Mapping[str, str] = {without_password(now): now}
     found = [one for one in (own(out), now) if _is_there(one)]
     for address in _noted(out):
         known = addresses.get(address, address)  # the environment's has its password
@@ -76,7 +76,7 @@ def _is_there(address: str) -> bool:
     return not address.startswith(SQLITE) or Path(file).is_file()
 
 
-def _as_noted(address: str) -> str:
+def without_password(address: str) -> str:
     """Return a server's address without a password, a file's for whatever working folder."""
     if address.startswith(SQLITE):
         return f"{SQLITE}{Path(address.removeprefix(SQLITE)).resolve()}"

@@ -8,6 +8,7 @@ import json
 from typing import Any
 
 from mattgs_ops.score.metric_table import METRICS
+from tasks.registry.project import benchmark_name, is_ours
 
 KEY, NAME = "mattgs", "Benchmark"
 VIEW_TAG = f"mlflow.sharedViewState.{KEY}"
@@ -25,6 +26,7 @@ NOTE = (
 )
 SECTION, SECTION_NAME = "mattgs-charts", "Quality and cost"
 MOST_RUNS = 100  # that one chart shows
+TRAINING = "workflowType=machine_learning"  # else the interface's pages are those for agents
 EXPERIMENTS = "tags.capture != ''"  # leaves the summary out, which has none
 
 
@@ -32,7 +34,30 @@ def file_address(tracking_uri: str, experiment: str, run_id: str, file: str) -> 
     """Return where the interface shows a file of a run; None where MLflow is no server."""
     if not tracking_uri.startswith("http"):
         return None
-    return f"{tracking_uri.rstrip('/')}/#/experiments/{experiment}/runs/{run_id}/artifacts/{file}"
+    return front_page(tracking_uri, f"/{experiment}/runs/{run_id}/artifacts/{file}")
+
+
+def front_page(server: str, below: str = "") -> str:
+    """Return where the interface of ``server`` lists the experiments, or a page ``below`` that."""
+    return f"{server.rstrip('/')}/#/experiments{below}?{TRAINING}"
+
+
+def benchmark_pages(tracking_uri: str, server: str) -> dict[str, str]:
+    """Return where ``server`` shows each recorded benchmark of this project, the last one first.
+
+    The page opens on the columns of the tables.
+    """
+    from mlflow.tracking import MlflowClient
+
+    client: Any = MlflowClient(tracking_uri=tracking_uri)
+    found = client.search_experiments(order_by=["last_update_time DESC"])
+    return {
+        benchmark_name(one.name): (
+            f"{front_page(server, f'/{one.experiment_id}/runs')}&viewStateShareKey={KEY}"
+        )
+        for one in found
+        if VIEW_TAG in one.tags and is_ours(one.name)
+    }
 
 
 def experiment_tags() -> dict[str, str]:
@@ -61,7 +86,7 @@ def experiment_tags() -> dict[str, str]:
     }
     view = {"name": NAME, "createdAt": CREATED, "updatedAt": CREATED, "state": json.dumps(state)}
     return {
-        # without it the interface opens on pages for language models
+        # the switch between GenAI and model training in the interface counts more: see TRAINING
         "mlflow.experimentKind": "custom_model_development",
         "mlflow.note.content": NOTE,
         VIEW_TAG: json.dumps(view),

@@ -36,8 +36,9 @@ def until(wanted: bool, port: int) -> None:
         time.sleep(0.2)
 
 
-def test_sigterm_ends_the_server_too(tmp_path: Path) -> None:
+def test_pages_are_named_and_sigterm_ends_the_server_too(tmp_path: Path) -> None:
     runs.initialise(registries.current(tmp_path))
+    toy = runs.open_benchmark(registries.current(tmp_path), "toy", None)
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     command = [sys.executable, "-m", "flows.cli.app", "ui", "--out", str(tmp_path)]
@@ -46,6 +47,9 @@ def test_sigterm_ends_the_server_too(tmp_path: Path) -> None:
         until(True, port)
         shown.send_signal(signal.SIGTERM)
         assert shown.wait(TIMEOUT) == app.EXIT_TERMINATED
+        assert shown.stdout is not None
+        printed = shown.stdout.read().decode()
+    assert f"  toy: http://127.0.0.1:{port}/#/experiments/{toy}/runs?" in printed
     until(False, port)
 
 

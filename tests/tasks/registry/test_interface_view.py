@@ -4,6 +4,8 @@ import json
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from mattgs_ops.score.metric_table import METRICS
 from tasks.registry import interface_view, runs
 from tasks.row import SCHEMA
@@ -81,6 +83,28 @@ def test_a_benchmark_of_an_earlier_version_gets_the_view(
 
 def test_a_file_of_a_run_has_an_address_on_a_server_alone() -> None:
     where = ("7", "abc", "report/report.html")
-    address = "http://desk:5000/#/experiments/7/runs/abc/artifacts/report/report.html"
+    page = "http://desk:5000/#/experiments/7/runs/abc/artifacts/report/report.html"
+    address = f"{page}?workflowType=machine_learning"
     assert interface_view.file_address("http://desk:5000/", *where) == address
     assert interface_view.file_address("sqlite:////out/mlflow.db", *where) is None
+
+
+def test_each_benchmark_of_the_project_has_a_page_that_opens_on_the_view(
+    fresh_registry: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from mlflow.tracking import MlflowClient
+
+    uri = f"sqlite:///{tmp_path / 'mlflow.db'}"
+    (tmp_path / "mlflow.db").write_bytes(fresh_registry.read_bytes())
+    MlflowClient(tracking_uri=uri).create_experiment("not-a-benchmark")
+    toy = runs.open_benchmark(uri, "toy", None)
+    monkeypatch.setenv("MATTGS_PROJECT", "anna")
+    hers = runs.open_benchmark(uri, "toy", None)
+    assert interface_view.benchmark_pages(uri, "http://desk:5000/") == {
+        "toy": f"http://desk:5000/#/experiments/{hers}/runs"
+        "?workflowType=machine_learning&viewStateShareKey=mattgs"
+    }
+    monkeypatch.delenv("MATTGS_PROJECT")
+    pages = interface_view.benchmark_pages(uri, "http://desk:5000/")
+    assert list(pages) == ["anna/toy", "toy"], "the last one first"
+    assert f"/{toy}/" in pages["toy"]

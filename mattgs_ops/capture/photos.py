@@ -5,7 +5,6 @@ COLMAP and ONNX Runtime skip or quietly misread anything else, so it is refused 
 what to do about it. Decoding applies the EXIF orientation once; nothing downstream looks at it.
 """
 
-import math
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import ExifTags, Image, UnidentifiedImageError
 
+from mattgs_ops.capture.formats.exif import exif_focal, exif_lens
 from mattgs_ops.capture.formats.not_read import advice
 from mattgs_ops.capture.formats.split_lists import LIST_FILES, NERF_LISTS
 from mattgs_ops.errors import InputError, StageError
@@ -33,10 +33,6 @@ IGNORED_FOLDERS = frozenset({"masks", "sparse"})
 OUTPUT_MARK = ".mattgs-out"  # an empty file in folders of our own output
 PNG_BIT_DEPTH_OFFSET = 24  # byte of IHDR, PNG specification section 11.2.2
 TIFF_BITS_PER_SAMPLE = 258
-FILM_DIAGONAL = math.hypot(36.0, 24.0)  # mm, of the film that 35 mm equivalents refer to
-# Shares of the longest side: COLMAP's min_ and max_focal_length_ratio, outside which it places none
-FOCAL_SHARES = (0.1, 10.0)
-SAME_SHAPE = 0.02  # difference of aspect ratios that rounding of pixels explains
 UPRIGHT, SIDEWAYS = 1, frozenset({5, 6, 7, 8})  # EXIF 2.32, orientation
 # What Pillow raises for files that are damaged, a few of which only its own format's code does
 BROKEN = (OSError, SyntaxError, ValueError, TypeError, LookupError, struct.error)
@@ -192,42 +188,6 @@ def write_png(path: Path, pixels: NDArray[np.uint8]) -> None:
         path.write_bytes(cv2.imencode(".png", stored)[1].data)
     except OSError as error:
         raise StageError(f"{path}: could not be written: {error.strerror}") from error
-
-
-def exif_focal(exif: Image.Exif, size: tuple[int, int]) -> float | None:
-    """Return the focal length in pixels of a photo of ``size`` (width, height) as stored.
-
-    It is taken from the 35 mm equivalent, which goes by the diagonal. None where EXIF holds none,
-    or one outside ``FOCAL_SHARES``, and where it says that the photo was cut to another shape after
-    it was taken.
-    """
-    details = exif.get_ifd(ExifTags.IFD.Exif)
-    try:
-        equivalent = float(details.get(ExifTags.Base.FocalLengthIn35mmFilm, 0))
-        taken = [
-            float(details.get(tag, side))
-            for tag, side in zip(
-                (ExifTags.Base.ExifImageWidth, ExifTags.Base.ExifImageHeight), size, strict=True
-            )
-        ]
-    except (TypeError, ValueError, ZeroDivisionError):
-        return None
-    if not (equivalent > 0 and min(taken) > 0):
-        return None
-    # some programs turn the pixels and leave EXIF as it was
-    if abs(max(taken) / min(taken) - max(size) / min(size)) > SAME_SHAPE:
-        return None
-    focal = equivalent * math.hypot(*size) / FILM_DIAGONAL
-    shortest, longest = (share * max(size) for share in FOCAL_SHARES)
-    return focal if shortest <= focal <= longest else None
-
-
-def exif_lens(exif: Image.Exif) -> str:
-    """Return what tells a photo's camera from others: its name, and its focal length in mm."""
-    length = exif.get_ifd(ExifTags.IFD.Exif).get(ExifTags.Base.FocalLength)
-    named = (exif.get(ExifTags.Base.Make), exif.get(ExifTags.Base.Model))
-    told = [str(text).strip("\0 ") for text in named if text]
-    return " ".join([*told, *([] if length is None else [f"{length} mm"])])
 
 
 def on_white(photo: Photo) -> NDArray[np.uint8]:

@@ -2,6 +2,7 @@
 
 ``nerfstudio`` reads ``transforms.json`` and NeRF's layout, ``colmap`` a COLMAP project
 (``colmap_model``, ``colmap_cameras``), ``split_lists`` lists of held-out photos, ``point_cloud``
-sparse points. All return what ``posed`` defines. Public face: ``nerfstudio.read_nerfstudio``,
-``colmap.read_colmap``, ``colmap_model.read_model`` and ``write_model``.
+sparse points, ``exif`` what a photo tells of its camera. What reads cameras returns what ``posed``
+defines. Public face: ``nerfstudio.read_nerfstudio``, ``colmap.read_colmap``,
+``colmap_model.read_model`` and ``write_model``, ``exif.exif_focal`` and ``exif_lens``.
 """

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from mattgs_ops.capture.photos import FILM_DIAGONAL
+from mattgs_ops.capture.formats.exif import FILM_DIAGONAL
 from mattgs_ops.config import SfmConfig
 
 JOB_FILE, ANSWER_FILE, MODEL_FOLDER = "job.json", "answer.json", "model"

@@ -13,8 +13,6 @@ from PIL import ExifTags, Image
 from mattgs_ops.capture.photos import (
     Photo,
     decode,
-    exif_focal,
-    exif_lens,
     exif_orientation,
     list_photos,
     mark_output,
@@ -242,30 +240,6 @@ def test_folders_are_read_and_their_links_do_not_go_in_circles(tmp_path: Path) -
     found = [path.relative_to(tmp_path).as_posix() for path in photos]
     assert found == ["b.png", "near/a.png", "near/closer/a.png"]
     assert [problem.split(":")[0] for problem in problems] == [str(tmp_path / "near" / "notes.txt")]
-
-
-def test_the_focal_length_comes_from_the_35_mm_equivalent() -> None:
-    exif = Image.Exif()
-    assert exif_focal(exif, (400, 300)) is None
-    details = exif.get_ifd(0x8769)
-    details[0xA405] = 28
-    assert exif_focal(exif, (400, 300)) == pytest.approx(28 * 500 / np.hypot(36, 24))
-    details[0xA002], details[0xA003] = 4000, 3000
-    assert exif_focal(exif, (400, 300)) == pytest.approx(28 * 500 / np.hypot(36, 24))
-    assert exif_focal(exif, (300, 400)) is not None  # turned since, by a program that left EXIF
-    assert exif_focal(exif, (300, 300)) is None  # cut since: nobody knows from how much
-    for nonsense in (0, 1, 9999):  # 0: unknown, says EXIF; the others no lens has
-        details[0xA405] = nonsense
-        assert exif_focal(exif, (400, 300)) is None
-
-
-def test_a_camera_goes_by_its_name_and_focal_length() -> None:
-    exif = Image.Exif()
-    assert exif_lens(exif) == ""
-    exif[0x010F], exif[0x0110] = "Maker", "Camera 1\0\0"
-    assert exif_lens(exif) == "Maker Camera 1"
-    exif.get_ifd(0x8769)[0x920A] = 55.0
-    assert exif_lens(exif) == "Maker Camera 1 55.0 mm"
 
 
 def test_a_photo_without_suffix_is_found_by_its_content(tmp_path: Path) -> None:

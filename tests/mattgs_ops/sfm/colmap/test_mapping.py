@@ -2,7 +2,7 @@
 
 import pycolmap
 
-from mattgs_ops.capture.photos import FOCAL_SHARES
+from mattgs_ops.capture.formats.exif import FOCAL_SHARES
 from mattgs_ops.config import SfmConfig
 from mattgs_ops.sfm.colmap.job import JobView
 from mattgs_ops.sfm.colmap.mapping import FOCAL_GUESS, build_cameras

@@ -174,6 +174,14 @@ def test_masks_are_to_blame_where_what_stands_beside_the_object_confirms_cameras
     assert f"so the {'masks' if about == 'masks' else 'cameras'} are wrong" in one.text
 
 
+def test_cameras_of_groups_that_share_nothing_beside_the_object_are_not_confirmed() -> None:
+    outlines = {"mean": 0.8, "compared": 40, "contradict": ["0.jpg"]}
+    told = {"pairs": 20, "explained": 20, "groups": 2}
+    (one,) = of_poses({"agreement": GOOD | {"shared_outlines": outlines}, "beside_object": told})
+    assert one.about == "poses"
+    assert "masks or cameras are wrong" in one.text
+
+
 def test_masks_without_outlines_in_common_say_nothing_of_cameras() -> None:
     for outlines in (None, {"mean": 0.9, "compared": 9, "contradict": []}):
         assert of_poses({"agreement": {"shared_outlines": outlines}}) == []

@@ -13,7 +13,7 @@ from mattgs_ops.errors import StageError
 from mattgs_ops.progress import no_progress
 from mattgs_ops.sfm import look_alikes
 from mattgs_ops.sfm.colmap.features import Pair
-from mattgs_ops.sfm.colmap.job import Answer, Job
+from mattgs_ops.sfm.colmap.job import Answer, Job, JobView
 from mattgs_ops.sfm.colmap.matching import Verified
 from mattgs_ops.sfm.colmap.steps import Attempt
 from tests.mattgs_ops import conftest as box
@@ -182,3 +182,44 @@ def test_where_too_few_views_are_placed_little_is_enough_to_tie_a_view(
     assert asked == [set(found), set(found), {(0, 1), (1, 2), (2, 9)}]
     assert set(kept) == asked[taken]
     assert (model is first) is (taken == 0)
+
+
+@pytest.mark.parametrize(("again", "taken"), [(6, True), (5, False), (None, False)])
+def test_a_group_on_its_side_is_placed_apart_or_told(
+    monkeypatch: pytest.MonkeyPatch, again: int | None, taken: bool
+) -> None:
+    """Six views stand upright and three on their side; pair (0, 6) ties them by the object."""
+    cameras = dict(enumerate(box.orbit(9)))
+    for view in (6, 7, 8):
+        of_it = cameras[view]
+        lying = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]) @ of_it.rotation
+        cameras[view] = replace(of_it, rotation=lying)
+    monkeypatch.setattr("mattgs_ops.sfm.colmap.mapping.posed", lambda _: cameras)
+    told = {"pairs": 8, "explained": 8, "groups": 2}
+    monkeypatch.setattr(look_alikes, "count_explained", lambda *_: told)
+    views = tuple(JobView(f"{k}.jpg", "", "", 8, 6, None, None) for k in range(9))
+    state = Attempt(Job("", views, {}, 1), SfmConfig(), Answer("shared"), no_progress)
+    groups = [(a, b) for those in (range(6), range(6, 9)) for a in those for b in those if a < b]
+    found = pairs(dict.fromkeys(groups, 45) | {(0, 6): 0})
+    models = [Model(9)]
+
+    def place_by(_: Any, those: dict[Pair, Verified]) -> Model:
+        if set(those) == set(groups):
+            if again is None:
+                raise StageError("no two views could be placed")
+            models.append(Model(again))
+        return models[-1]
+
+    model, kept = look_alikes.place(state, found, [], place_by)
+    assert model is models[-1 if taken else 0]
+    assert set(kept) == (set(groups) if taken else set(found))
+    (warning,) = look_alikes.warnings(state.answer)
+    assert warning.startswith("6.jpg, 7.jpg, 8.jpg lie on their side")
+    assert look_alikes.in_doubt(state.answer) is not taken
+
+
+def test_groups_that_share_nothing_beside_the_object_confirm_no_cameras() -> None:
+    told = {"pairs": 100, "explained": 100}
+    assert look_alikes.confirmed(told)
+    assert look_alikes.confirmed(told | {"groups": 1})
+    assert not look_alikes.confirmed(told | {"groups": 2})

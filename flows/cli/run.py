@@ -1,6 +1,7 @@
 """One benchmark from the command line: captures checked, services up, flow, tables, report."""
 
 import time
+from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
@@ -25,6 +26,8 @@ from mattgs_ops.store.store import Store
 from tasks.prepare import prepare
 from tasks.stages import status
 from tasks.stages.stage import Place, own_version
+
+MOST_WARNINGS = 5  # of those that a library's failure makes, one for each experiment, say
 
 
 def run_benchmark(
@@ -87,7 +90,11 @@ def _run(config: BenchmarkConfig, out: Path, died: int, record: run_record.RunRe
     count = _plan(place, config, alone=not others)
     if not any(one.path is None or one.path.exists() for one in config.captures):
         _prepare_all(place, config)  # says so; services that start would hold that up for long
-    with in_use(Store(place.store)), embedded.Starting(out, config.run, died) as starting:
+    with (
+        in_use(Store(place.store)),
+        embedded.Starting(out, config.run, died) as starting,
+        terminal.kept_warnings() as kept,
+    ):
         with terminal.watch(place.status, count, console, dask_cluster.worker_count(config.run)):
             with Background(_import_flow) as flow:  # while preparation waits for its processes
                 _prepare_all(place, config)
@@ -97,7 +104,7 @@ def _run(config: BenchmarkConfig, out: Path, died: int, record: run_record.RunRe
             registries.note(out)
             console.print(str(services), markup=False, highlight=False)
             report, complete = _run_flow(config, out, services)
-        _print_end(place, report, console, time.monotonic() - began)
+        _print_end(place, report, console, time.monotonic() - began, kept)
     return complete
 
 
@@ -179,7 +186,9 @@ def _run_flow(config: BenchmarkConfig, out: Path, services: Services) -> tuple[P
     return report, True
 
 
-def _print_end(place: Place, report: Path, console: Console, seconds: float) -> None:
+def _print_end(
+    place: Place, report: Path, console: Console, seconds: float, kept: Sequence[str] = ()
+) -> None:
     from reports.rows.doubts import warnings
     from reports.rows.schema import read_rows
     from reports.tables.tables import terminal as tables
@@ -187,7 +196,11 @@ def _print_end(place: Place, report: Path, console: Console, seconds: float) -> 
     console.print()
     rows = read_rows(report.parent / "rows.json")
     console.print(tables(rows), markup=False, highlight=False)
-    for line in warnings(rows):
+    left = len(kept) - MOST_WARNINGS
+    more = [f"{left} more such warnings"] if left > 0 else []
+    if any("run_id" in row and row["run_id"] is None for row in rows):
+        more.append("MLflow lacks some of these experiments; the same command again records them")
+    for line in [*warnings(rows), *kept[:MOST_WARNINGS], *more]:
         console.print(f"! {line}", style="yellow", markup=False, highlight=False)
     stages = status.read_all(place.status)
     console.print(terminal.stage_times(stages, seconds), markup=False, highlight=False)

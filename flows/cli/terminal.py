@@ -6,11 +6,13 @@ stage ends and a line about what is running every :data:`LINE_SECONDS`. Both say
 are left.
 """
 
+import logging
 import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from textwrap import shorten
 
 from rich.console import Console
 from rich.progress import (
@@ -31,6 +33,7 @@ from tasks.stages.status import Status
 REFRESH_SECONDS = 0.5
 LINE_SECONDS = 15.0
 SLOW_SECONDS = 30.0  # services of our own are up by then, unless the machine is busy
+MOST_LETTERS = 200  # of a library's error: the beginning says what, the end repeats addresses
 MARKS = {"done": "✓", "cached": "=", "failed": "✗"}
 
 
@@ -71,6 +74,28 @@ def told_when_slow(console: Console, what: str, seconds: float = SLOW_SECONDS) -
         yield
     finally:
         timer.cancel()
+
+
+@contextmanager
+def kept_warnings() -> Iterator[list[str]]:
+    """Keep the beginning of each warning that this project logs, as of a registry that fails.
+
+    Prefect sets the libraries' terminals aside (``flows.services.embedded``), ours with them.
+    """
+    kept: list[str] = []
+
+    class Keep(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            line = shorten(record.getMessage().partition("\n")[0], MOST_LETTERS, placeholder=" …")
+            if line not in kept:
+                kept.append(line)
+
+    logger, handler = logging.getLogger("mattgs"), Keep(logging.WARNING)
+    logger.addHandler(handler)
+    try:
+        yield kept
+    finally:
+        logger.removeHandler(handler)
 
 
 def sentence(one: Status) -> str:

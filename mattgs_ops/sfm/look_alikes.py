@@ -68,11 +68,13 @@ def place(
     aside = sorted(cameras.keys() & set().union(*rolled))
     names = listed_names([state.job.views[view].name for view in aside], MOST_LISTED)
     if again is None or len(again.reg_image_ids()) < MOST_VIEWS * (len(cameras) - len(aside)):
-        state.answer.tell(f"{names} {ON_THEIR_SIDE}; {NOT_APART}")
+        state.answer.on_side = f"{names} {ON_THEIR_SIDE}; {NOT_APART}"
+        state.answer.tell(state.answer.on_side)
         return model, kept
     other.answer.beside_object = count_explained(apart, again, positions)
     other.answer.fallbacks = list(state.answer.fallbacks)
-    other.answer.tell(f"{names} {ON_THEIR_SIDE}; {APART}")
+    other.answer.on_side = f"{names} {ON_THEIR_SIDE}; {APART}"
+    other.answer.tell(other.answer.on_side)
     state.answer = other.answer
     return again, apart
 
@@ -183,7 +185,7 @@ def confirmed(told: Mapping[str, int]) -> bool:
 
 def warnings(answer: Answer) -> list[str]:
     """Return what a reader must know of poses that sure pairs contradict, or that lie on a side."""
-    on_side = [step for step in answer.fallbacks if ON_THEIR_SIDE in step]
+    on_side = [answer.on_side] if answer.on_side else []
     told = answer.beside_object
     if answer.mode != "shared" or unexplained(told) < FEWEST_PAIRS:
         return on_side
@@ -202,5 +204,5 @@ def in_doubt(answer: Answer) -> bool:
     The bound is that of given cameras (:data:`FEWEST_PAIRS`). Poses of an object that moves are its
     own, and say nothing of what stands beside it. Or whether photos that lie on their side stay so.
     """
-    stay = any(step.endswith(NOT_APART) for step in answer.fallbacks)
+    stay = answer.on_side.endswith(NOT_APART)
     return stay or (answer.mode == "shared" and unexplained(answer.beside_object) >= FEWEST_PAIRS)

@@ -118,6 +118,7 @@ class Answer:
     # by look_alikes: pairs that share most beside the object, and how many of them the poses of
     # whole photos explain
     beside_object: dict[str, int] = field(default_factory=dict)
+    on_side: str = ""  # which views lie on their side before the others (rolled_groups), in words
     # pairs of photos that were matched by looks, how many of them given cameras explain, and the
     # views that contradict all of theirs (given_poses); empty where cameras were estimated
     given_cameras: dict[str, Any] = field(default_factory=dict)

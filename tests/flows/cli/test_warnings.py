@@ -1,6 +1,7 @@
 """Doubts about a capture's masks reach the reader's eyes: terminal, status and MLflow."""
 
 import json
+import logging
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ from rich.console import Console
 
 import reports
 from flows.benchmark import _warn
-from flows.cli import run, status
+from flows.cli import run, status, terminal
 from mattgs_ops.naming import slug
 from tasks.registry import runs
 from tasks.stages.stage import Place
@@ -36,6 +37,29 @@ def test_a_run_ends_with_its_warnings(rows: list[dict[str, Any]], tmp_path: Path
     run._print_end(Place(tmp_path, "quick"), tmp_path / "report.html", console, 1.0)
     lines = [line.rstrip() for line in text.getvalue().splitlines() if line.startswith("!")]
     assert lines == [f"! Rover: {TEXT}. No verdict is given for it."]
+
+
+def test_a_registry_that_fails_is_told_at_the_end(
+    rows: list[dict[str, Any]], tmp_path: Path
+) -> None:
+    unrecorded = [row | {"run_id": None, "warnings": []} for row in rows]
+    (tmp_path / "rows.json").write_text(json.dumps(unrecorded), encoding="utf-8")
+    with terminal.kept_warnings() as kept:
+        for count in (*range(9), 0):
+            logging.getLogger("mattgs").warning(
+                "row %d was not logged: no answer\nTraceback", count
+            )
+    logging.getLogger("mattgs").warning("later")
+    text = StringIO()
+    console = Console(file=text, width=200)
+    place = Place(tmp_path, "quick")
+    run._print_end(place, tmp_path / "report.html", console, 1.0, kept)
+    lines = [line.rstrip() for line in text.getvalue().splitlines() if line.startswith("!")]
+    assert lines == [
+        *(f"! row {count} was not logged: no answer" for count in range(5)),
+        "! 4 more such warnings",
+        "! MLflow lacks some of these experiments; the same command again records them",
+    ]
 
 
 def test_status_names_them_with_the_stage_that_made_the_masks(

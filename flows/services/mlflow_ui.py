@@ -32,14 +32,14 @@ def show(out: Path, port: int, *, browser: bool) -> None:
 
 
 def _open(address: str, *, browser: bool) -> None:
+    shown = registries.without_password(address)
     try:
         urllib.request.urlopen(f"{address.rstrip('/')}/health", timeout=ANSWER_SECONDS).close()
     except urllib.error.HTTPError:  # it answers, and wants to be signed in to
         pass
     except (OSError, ValueError) as error:
-        raise InputError(f"MLFLOW_TRACKING_URI={address}: no server answers: {error}") from error
+        raise InputError(f"MLFLOW_TRACKING_URI={shown}: no server answers: {error}") from error
     pages: dict[str, str] = {}
-    shown = registries.without_password(address)
     with suppress(InputError):  # it wants to be signed in to
         runs.initialise(address)
         pages = interface_view.benchmark_pages(address, shown)
@@ -53,6 +53,8 @@ def _print_pages(server: str, what: str, pages: Mapping[str, str]) -> None:
     """Print where the list of all experiments is, and each benchmark with its tables' columns."""
     lines = [f"MLflow: {interface_view.front_page(server)} ({what})"]
     lines += [f"  {name}: {page}" for name, page in list(pages.items())[:MOST_LISTED]]
+    if len(pages) > MOST_LISTED:
+        lines.append(f"  and {len(pages) - MOST_LISTED} more")
     sys.stdout.write("\n".join(lines) + "\n")
     sys.stdout.flush()
 

@@ -208,7 +208,8 @@ def test_the_artifact_of_the_report_leads_to_its_page_in_mlflow(ran: Ran) -> Non
     link = re.fullmatch(r"\[Report of tiny\]\((.+)\)", published(ran, "report-tiny"))
     assert link is not None
     server, _, page = link[1].partition("/#/")
-    found = re.fullmatch(r"experiments/\d+/runs/(\w+)/artifacts/(report/report\.html)", page)
+    place = r"experiments/\d+/runs/(\w+)/artifacts/(report/report\.html)"
+    found = re.fullmatch(place + r"\?workflowType=machine_learning", page)
     assert found is not None
     run, path = found.groups()
     with urlopen(f"{server}/get-artifact?run_uuid={run}&path={path}", timeout=20) as served:

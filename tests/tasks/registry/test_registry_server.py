@@ -215,7 +215,7 @@ def test_the_ui_command_names_the_server_instead_of_serving_it(
     server: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told = mattgs("ui", "--no-browser", "--out", tmp_path)
-    assert told.startswith(f"MLflow: {server} ")
+    assert told.startswith(f"MLflow: {server}/#/experiments?workflowType=machine_learning (")
     monkeypatch.setenv("MLFLOW_TRACKING_URI", "http://127.0.0.1:9")
     with pytest.raises(InputError, match=r"MLFLOW_TRACKING_URI=http://127.0.0.1:9: no server"):
         mattgs("ui", "--no-browser", "--out", tmp_path)

@@ -91,22 +91,25 @@ def on_their_side(
 ) -> list[set[int]]:
     """Return the groups all of whose placed views lie on their side in the first one's poses.
 
-    The first is that of most placed views; of fewer than :data:`FEWEST_VIEWS` nothing is said.
-    ``cameras`` are the placed views' by their places.
+    The first is that of most placed views. Groups of fewer than :data:`FEWEST_VIEWS` count only
+    beside one of as many. ``cameras`` are the placed views' by their places.
     """
     placed = [(group, [view for view in group if view in cameras]) for group in groups]
-    placed = [(group, views) for group, views in placed if len(views) >= FEWEST_VIEWS]
-    if len(placed) < 2:
+    placed = [(group, views) for group, views in placed if views]
+    if not placed:
         return []
     first = max((views for _, views in placed), key=len)
     up = vertical([cameras[view] for view in first])
     if up is None:
         return []
-    return [
-        set(group)
+    lying = [
+        (group, views)
         for group, views in placed
         if all(abs(cameras[view].rotation[0] @ up) > ON_ITS_SIDE for view in views)
     ]
+    if all(len(views) < FEWEST_VIEWS for _, views in lying):
+        return []
+    return [set(group) for group, _ in lying]
 
 
 def without_ties(

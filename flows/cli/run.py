@@ -198,7 +198,7 @@ def _print_end(
     console.print(tables(rows), markup=False, highlight=False)
     left = len(kept) - MOST_WARNINGS
     more = [f"{left} more such warnings"] if left > 0 else []
-    if any("run_id" in row and row["run_id"] is None for row in rows):
+    if any(row.get("run_id", "") is None for row in rows):
         more.append("MLflow lacks some of these experiments; the same command again records them")
     for line in [*warnings(rows), *kept[:MOST_WARNINGS], *more]:
         console.print(f"! {line}", style="yellow", markup=False, highlight=False)

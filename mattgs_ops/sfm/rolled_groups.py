@@ -52,7 +52,10 @@ def groups_of(pairs: Mapping[Pair, Verified]) -> list[set[int]]:
 
 
 def _joined(groups: Sequence[set[int]], pairs: Sequence[Sequence[int]]) -> list[set[int]]:
-    """Join the groups of each pair of numbers; what is joined twice is one."""
+    """Join the groups of each pair of numbers; what is joined twice is one.
+
+    SciPy could, but pycolmap quarrels with libraries beside it: its process loads as few as it can.
+    """
     root = list(range(len(groups)))
 
     def found(k: int) -> int:

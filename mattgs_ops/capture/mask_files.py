@@ -1,18 +1,18 @@
 """Masks that come with photos: which file belongs to which photo, and whether it can be one.
 
-Naming: ``NAME.png`` where NAME is the photo's whole file name (``IMG_1.jpg.png``, COLMAP's habit)
-or the photo's stem (``IMG_1.png``), or a file called like the photo itself (``IMG_1.jpg``).
+Naming: ``IMG_1.jpg`` has ``IMG_1.jpg.png`` (COLMAP's habit), ``IMG_1.png``, its own name, or
+``IMG_1_mask.png`` (Metashape's template for exported masks); other image formats serve as well.
 Polarity: 255 = object, 0 = background; an upside-down set is recognised and refused.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from mattgs_ops.capture.photos import FORMATS, UNREADABLE, bit_depth, upright
+from mattgs_ops.capture.photos import FORMATS, SUFFIXES, UNREADABLE, bit_depth, upright
 from mattgs_ops.errors import InputError
 
 THRESHOLD = 128  # values from here on are object
@@ -22,18 +22,37 @@ INVERTED_CENTRE = 0.5  # … and less than this share of the middle third: looks
 # Of the pixels whose channels say otherwise of the threshold. JPEG colours a few along an outline;
 # more than this could be an object (EMPTY_SHARE of a mask report)
 COLOURED = 0.002
+NOTE = "_mask"  # after a photo's stem, where Metashape's template names the file
+
+
+class NoMaskError(InputError):
+    """A folder of masks has none for a photo."""
 
 
 def find_mask(folder: Path, photo_name: str) -> Path:
-    """Return the mask of a photo in ``folder``; raises :class:`InputError` naming what to add."""
-    stem = Path(photo_name).with_suffix("").as_posix()  # with the folders that it lies in
-    candidates = [f"{photo_name}.png", f"{stem}.png", photo_name]
-    for name in candidates:
+    """Return the mask of a photo in ``folder``: the first that exists of the names it may have.
+
+    PNG goes before the photo's own format, and that before all others. Raises
+    :class:`NoMaskError`, which names what to add.
+    """
+    photo = Path(photo_name)
+    stem = photo.with_suffix("").as_posix()  # with the folders that it lies in
+    suffixes = dict.fromkeys((".png", photo.suffix, *sorted(SUFFIXES)))
+    names = [f"{photo_name}.png", f"{stem}.png", photo_name]
+    names += [f"{base}{suffix}" for base in (stem, f"{stem}{NOTE}") for suffix in suffixes]
+    for name in names:
         if (folder / name).is_file():
             return folder / name
-    raise InputError(
-        f"{folder}: no mask for {photo_name}; add {' or '.join(dict.fromkeys(candidates[:2]))}"
-    )
+    raise NoMaskError(missing_masks(folder, [photo_name]))
+
+
+def missing_masks(folder: Path, photo_names: Sequence[str]) -> str:
+    """Return what to say where photos have no mask in ``folder``; ``photo_names`` is not empty."""
+    first = photo_names[0]
+    more = f" and {len(photo_names) - 1} more photos" if len(photo_names) > 1 else ""
+    stem = Path(first).with_suffix("").as_posix()
+    wanted = " or ".join(dict.fromkeys((f"{first}.png", f"{stem}.png")))
+    return f"{folder}: no mask for {first}{more}; add {wanted}{', and so on' if more else ''}"
 
 
 def decode_mask(path: Path, size: tuple[int, int] | None = None) -> NDArray[np.uint8]:

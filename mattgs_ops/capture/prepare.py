@@ -26,10 +26,12 @@ from mattgs_ops.capture.camera import Camera
 from mattgs_ops.capture.formats.point_cloud import read_points
 from mattgs_ops.capture.formats.posed import camera_problems, is_as_stored, raise_all
 from mattgs_ops.capture.mask_files import (
+    NoMaskError,
     binary,
     decode_coverage,
     find_mask,
     looks_inverted,
+    missing_masks,
     polarity_problem,
 )
 from mattgs_ops.capture.photos import (
@@ -147,12 +149,16 @@ def _points(source: Source, path: Path) -> GivenPoints:
 
 @dataclass(frozen=True)
 class _Checked:
-    """What one photo showed when it was decoded; ``inverted`` is None where it has no mask."""
+    """What one photo showed when it was decoded; ``inverted`` is None where it has no mask.
+
+    ``missing`` says that the folder of masks has none for it.
+    """
 
     problems: Sequence[str]
     readable: bool = False
     alpha: bool = False
     inverted: bool | None = None
+    missing: bool = False
 
 
 def _check(source: Source, threads: int, progress: Progress) -> MasksAre:
@@ -169,6 +175,10 @@ def _check(source: Source, threads: int, progress: Progress) -> MasksAre:
         found[where.name] = one
         progress(index + 1, 2 * total, f"{where.name} checked")
     problems = [problem for one in found.values() for problem in one.problems]
+    missing = [photo.relative for photo in source.photos if found[photo.name].missing]
+    folder = source.own_masks or source.masks
+    if missing and folder is not None:
+        problems.append(missing_masks(folder, missing))
     inverted = {name: one.inverted for name, one in found.items() if one.inverted is not None}
     upside_down = polarity_problem(inverted)
     unmasked = sorted(name for name, one in found.items() if one.readable and name not in inverted)
@@ -198,6 +208,8 @@ def _look(source: Source, where: SourcePhoto) -> _Checked:
         if coverage is None:
             return _Checked(problems, readable, alpha)
         mask = binary(coverage, str(where.path))
+    except NoMaskError:
+        return _Checked(problems, readable, alpha, missing=True)
     except InputError as error:
         return _Checked([*problems, str(error)], readable, alpha)
     if mask.all():

@@ -17,6 +17,7 @@ from mattgs_ops.capture.formats import colmap, nerfstudio
 from mattgs_ops.capture.formats.colmap_model import model_files
 from mattgs_ops.capture.formats.posed import PosedCapture, PosedPhoto, raise_all
 from mattgs_ops.capture.formats.split_lists import listed_names, read_lists
+from mattgs_ops.capture.mask_files import NOTE
 from mattgs_ops.capture.photos import (
     FOLDER_MARK,
     OUTPUT_MARK,
@@ -175,6 +176,7 @@ def _of_folder(capture: CaptureConfig, root: Path, *, with_model: bool) -> Sourc
         problems += _beside(root, images)
     if capture.masks is None:
         problems += _unused_masks(images)
+    problems += _masks_among(paths, images)
     raise_all(problems)
     found, model = PosedCapture(()), colmap.model_folder(root) or root / "sparse"
     if with_model:
@@ -233,6 +235,23 @@ def _unused_masks(images: Path) -> list[str]:
         if not any(part.startswith(".") for part in path.relative_to(images).parts)
         and not any((parent / OUTPUT_MARK).is_file() for parent in path.parents)
     ]
+
+
+def _masks_among(paths: Sequence[Path], images: Path) -> list[str]:
+    """Say where files are called like masks of photos beside them: they would count as photos."""
+    masks_of = {str(path) + ".png": path for path in paths}
+    masks_of |= {str(path.with_suffix("")) + NOTE: path for path in paths}
+    found = [
+        (path, photo)
+        for path in paths
+        for photo in (masks_of.get(str(path)), masks_of.get(str(path.with_suffix(""))))
+        if photo is not None
+    ]
+    if not found:
+        return []
+    path, photo = found[0]
+    count = f"; so are {len(found) - 1} more" if len(found) > 1 else ""
+    return [f"{path}: called like the mask of {photo.name}{count}; move masks to {images / MASKS}"]
 
 
 def _beside(root: Path, images: Path) -> list[str]:

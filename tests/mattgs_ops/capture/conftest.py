@@ -40,7 +40,7 @@ def write_photos(folder: Path, names: list[str] = NAMES) -> Path:
 
 
 def write_masks(folder: Path, mask: np.ndarray, form: str = "{name}.png") -> None:
-    folder.mkdir(parents=True)
+    folder.mkdir(parents=True, exist_ok=True)
     for name in NAMES:
         Image.fromarray(mask).save(folder / form.format(name=name, stem=Path(name).stem))
 
@@ -65,7 +65,7 @@ def pixels(path: Path | None) -> np.ndarray:
 
 
 def write_cutouts(folder: Path) -> None:
-    folder.mkdir(parents=True)
+    folder.mkdir(parents=True, exist_ok=True)
     for seed, name in enumerate(NAMES):
         Image.fromarray(np.dstack([picture(seed), disc()])).save(folder / name)
 

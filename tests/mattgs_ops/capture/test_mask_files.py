@@ -7,7 +7,13 @@ import numpy as np
 import pytest
 from PIL import ExifTags, Image
 
-from mattgs_ops.capture.mask_files import decode_mask, find_mask, looks_inverted, polarity_problem
+from mattgs_ops.capture.mask_files import (
+    decode_mask,
+    find_mask,
+    looks_inverted,
+    missing_masks,
+    polarity_problem,
+)
 from mattgs_ops.capture.prepare import prepare
 from mattgs_ops.config import CaptureConfig
 from mattgs_ops.errors import InputError
@@ -26,10 +32,17 @@ def saved(folder: Path, values: np.ndarray, name: str = "a.jpg.png") -> Path:
     return folder / name
 
 
-@pytest.mark.parametrize("name", ["IMG_1.jpg.png", "IMG_1.png", "IMG_1.jpg"])
+@pytest.mark.parametrize(
+    "name", ["IMG_1.JPG.png", "IMG_1.png", "IMG_1.JPG", "IMG_1.jpg", "IMG_1_mask.png"]
+)
 def test_every_naming_is_found(tmp_path: Path, name: str) -> None:
     path = saved(tmp_path, disc(), name)
-    assert find_mask(tmp_path, "IMG_1.jpg") == path
+    assert find_mask(tmp_path, "IMG_1.JPG") == path
+
+
+def test_masks_exported_by_metashape_are_found(tmp_path: Path) -> None:
+    path = saved(tmp_path, disc(), "IMG_1_mask.jpg")
+    assert find_mask(tmp_path, "IMG_1.JPG") == path
 
 
 def test_the_whole_name_goes_before_the_stem(tmp_path: Path) -> None:
@@ -41,6 +54,13 @@ def test_the_whole_name_goes_before_the_stem(tmp_path: Path) -> None:
 def test_a_missing_mask_names_what_to_add(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"no mask for IMG_1\.jpg; add IMG_1\.jpg\.png or IMG_1"):
         find_mask(tmp_path, "IMG_1.jpg")
+
+
+def test_photos_without_masks_are_told_in_one_line(tmp_path: Path) -> None:
+    said = missing_masks(tmp_path, ["a/1.jpg", "a/2.jpg", "a/3.jpg"])
+    assert said == (
+        f"{tmp_path}: no mask for a/1.jpg and 2 more photos; add a/1.jpg.png or a/1.png, and so on"
+    )
 
 
 def test_a_mask_is_turned_as_its_exif_asks_for(tmp_path: Path) -> None:

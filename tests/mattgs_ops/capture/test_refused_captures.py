@@ -98,12 +98,23 @@ def test_masks_missing_or_of_another_size(tmp_path: Path) -> None:
     assert f"{NAMES[8]}.png: the mask is 24x18, its photo 48x36" in message
 
 
+@pytest.mark.parametrize("form", ["{name}.png", "{stem}_mask.jpg"])
+def test_masks_among_the_photos(tmp_path: Path, form: str) -> None:
+    """They would be photos of a white shape on black."""
+    folder = write_photos(tmp_path / "in")
+    write_masks(folder, disc(), form)
+    message = refusal(folder, tmp_path / "out")
+    first = folder / form.format(name=NAMES[0], stem=Path(NAMES[0]).stem)
+    assert f"{first}: called like the mask of {NAMES[0]}; so are 9 more; move masks to" in message
+
+
 def test_masks_that_serve_photos_of_two_folders_or_lie_within_one(tmp_path: Path) -> None:
     """One mask for two photos would be wrong for one of them, and nobody would know."""
     for side in ("left", "right"):
         write_photos(tmp_path / "in" / side)
     write_masks(tmp_path / "in" / "masks", disc())
-    assert f"no mask for left/{NAMES[0]}" in refusal(tmp_path / "in", tmp_path / "out")
+    message = refusal(tmp_path / "in", tmp_path / "out")
+    assert f"no mask for left/{NAMES[0]} and 19 more photos" in message
     shutil.rmtree(tmp_path / "in" / "masks")
     write_masks(tmp_path / "in" / "left" / "masks", disc())
     message = refusal(tmp_path / "in", tmp_path / "out")

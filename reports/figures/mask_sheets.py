@@ -40,7 +40,7 @@ def sheet(rows: Sequence[Row], capture: str, root: Path | None, folder: Path) ->
     drawn = views_of(scene)
     if not drawn:
         return None
-    caption = _caption(capture, scene, min(MOST, len(drawn)), flags, place)
+    caption = caption_of(capture, scene, min(MOST, len(drawn)), flags, place)
     return draw(drawn, flags, folder, f"figure-masks-{capture}", caption)
 
 
@@ -81,7 +81,7 @@ def title(name: str, doubts: Sequence[str]) -> str:
     return f"{name}\n{', '.join(doubts)}" if doubts else name
 
 
-def _caption(capture: str, scene: Scene, drawn: int, flags: Flags, place: Path) -> str:
+def caption_of(capture: str, scene: Scene, drawn: int, flags: Flags, place: Path) -> str:
     """Say whose masks these are, and list every flag."""
     report = place / "masks.json"
     source = MaskReport.load(report).source if report.is_file() else ""
@@ -92,7 +92,9 @@ def _caption(capture: str, scene: Scene, drawn: int, flags: Flags, place: Path) 
         "both": "are the mean of the network's and of what the training views voted",
     }.get(str(agreement.get("masks", "")), SOURCES.get(source, "are the network's"))
     count = f"{drawn} of {len(scene.views)} photos" if drawn < len(scene.views) else "all photos"
-    flagged = "; ".join(f"{name}: {', '.join(some)}" for name, some in flags.items() if some)
+    flagged = "; ".join(
+        f"{flag} ({len(names)}): {', '.join(names)}" for flag, names in _by_flag(flags).items()
+    )
     network = int(agreement.get("network") or 0)
     if network:
         whose += f"; network {network} of the model file is used, surely better than their mean"
@@ -101,6 +103,15 @@ def _caption(capture: str, scene: Scene, drawn: int, flags: Flags, place: Path) 
         f"Masks {whose}. "
         f"{f'Flags: {flagged}.' if flagged else 'No photo carries a flag.'}"
     )
+
+
+def _by_flag(flags: Flags) -> dict[str, list[str]]:
+    """Return the photos that carry each flag, flags in the order in which they appear."""
+    photos: dict[str, list[str]] = {}
+    for name, some in flags.items():
+        for flag in some:
+            photos.setdefault(flag, []).append(name)
+    return photos
 
 
 def outlined(view: View) -> NDArray[np.float32]:

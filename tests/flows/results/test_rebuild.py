@@ -69,7 +69,7 @@ def test_the_registry_alone_gives_the_same_bytes(out: Path) -> None:
     assert [name for name in first if first[name] != second[name]] == []
     text = (again / "report.md").read_text(encoding="utf-8")
     assert "Outlines of the masks, all photos;" in text, "though the photos are gone"
-    assert "Flags: 0001.jpg: frame." in text
+    assert "Flags: frame (1): 0001.jpg." in text
 
 
 def test_there_is_one_summary_with_the_report_in_it(out: Path) -> None:

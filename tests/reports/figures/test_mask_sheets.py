@@ -54,6 +54,13 @@ def test_the_caption_says_whose_masks_they_are(
     assert drawn.png.is_file()
 
 
+def test_the_caption_lists_photos_by_flag(tmp_path: Path) -> None:
+    made = scene(tmp_path, {"masks": "votes", "network": 0})
+    flags = {"a": ("frame",), "b": (), "c": ("outlier", "frame")}
+    caption = mask_sheets.caption_of("rover", made, 3, flags, tmp_path)
+    assert caption.endswith(" Flags: frame (2): a, c; outlier (1): c.")
+
+
 def test_a_title_fits_above_its_photo() -> None:
     assert mask_sheets.title("IMG_1.jpg", []) == "IMG_1.jpg"
     assert mask_sheets.title("IMG_1.jpg", ["frame", "no camera"]) == "IMG_1.jpg\nframe, no camera"

@@ -121,7 +121,7 @@ def open_source(capture: CaptureConfig) -> Source:
     root = capture.path
     if not root.is_dir():
         kind = "a file" if root.is_file() else "nothing"
-        raise InputError(f"{root}: expected a folder of photos, found {kind}")
+        raise InputError(f"{root}: expected a folder of photos, found {kind}{_advice(root)}")
     kind = _detect(root) if capture.kind == "auto" else capture.kind
     if kind == "nerfstudio":
         found = nerfstudio.read_nerfstudio(root)
@@ -130,6 +130,13 @@ def open_source(capture: CaptureConfig) -> Source:
         places = {"masks": _mask_folder(root), "ids": ids, "own_masks": capture.masks}
         return _of_frames(root, found, "given", **places)
     return _of_folder(capture, root, with_model=kind == "colmap")
+
+
+def _advice(file: Path) -> str:
+    """Say what to do with a file that may hold cameras but is not called as they are."""
+    if file.suffix.lower() != ".json":
+        return ""
+    return "; if it lists cameras, rename it to transforms.json, and name the folder that it is in"
 
 
 def _detect(root: Path) -> Literal["photos", "nerfstudio", "colmap"]:

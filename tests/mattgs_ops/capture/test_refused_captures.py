@@ -31,6 +31,13 @@ def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
     assert "folder of masks" in refusal(folder, tmp_path / "o", masks=tmp_path / "no")
 
 
+def test_a_file_of_cameras_of_another_name(tmp_path: Path) -> None:
+    file = tmp_path / "my_transforms.json"
+    file.write_text("{}")
+    message = refusal(file, tmp_path / "out")
+    assert f"{file}: expected a folder of photos, found a file; if it lists cameras" in message
+
+
 @pytest.mark.parametrize("count", [0, 1, 2])
 def test_too_few_photos(tmp_path: Path, count: int) -> None:
     folder = write_photos(tmp_path / "in", NAMES[:count])

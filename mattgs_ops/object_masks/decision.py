@@ -45,7 +45,8 @@ from mattgs_ops.object_masks.corrected_maps import (
 )
 from mattgs_ops.object_masks.map_scores import MapScores, ViewMaps, choose_parts
 from mattgs_ops.object_masks.photo_evidence.significance import surely_larger
-from mattgs_ops.object_masks.splats.votes import CERTAIN, VotedMaps
+from mattgs_ops.object_masks.splats.labels import CERTAIN
+from mattgs_ops.object_masks.splats.votes import VotedMaps
 from mattgs_ops.object_masks.vote_checks import (
     Source,
     choose_masks,

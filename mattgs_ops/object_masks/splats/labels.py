@@ -6,6 +6,7 @@ a camera, without splats far in front of the object, so that a floater before a 
 nothing.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,6 +23,7 @@ from mattgs_ops.splat.gaussians import Splats
 from mattgs_ops.splat.harmonics import SH_CONSTANT
 from mattgs_ops.splat.rasterize import backward, render
 
+CERTAIN = 0.5  # mean vote from which on a splat is object
 FRONT = 2.0  # radii before the object's middle, beyond which a splat is no part of it
 BLACK = (0.0, 0.0, 0.0)
 INVISIBLE = -30.0  # opacity before the sigmoid: 1e-13, far below what a pixel of 8 bits shows
@@ -33,11 +35,15 @@ Floats = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Place:
-    """Where the object is: middle [3] and radius in world units, and the ground, if any."""
+    """Where the object is: middle [3] and radius in world units, and the ground, if any.
+
+    Nothing farther than ``reach`` from the middle, in world units, belongs to it.
+    """
 
     middle: NDArray[np.float64]
     radius: float
     ground: ground_plane.Plane | None
+    reach: float = math.inf
 
 
 @dataclass(frozen=True)

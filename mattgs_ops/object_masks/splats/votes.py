@@ -15,7 +15,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
@@ -25,7 +24,7 @@ from mattgs_ops.object_masks.silhouettes import around_half, iou
 from mattgs_ops.object_masks.splats import ground_plane
 from mattgs_ops.object_masks.splats.attached_parts import Attached, attached, without_stranded
 from mattgs_ops.object_masks.splats.labels import (
-    UNSEEN,
+    CERTAIN,
     Floats,
     Place,
     Tally,
@@ -33,18 +32,15 @@ from mattgs_ops.object_masks.splats.labels import (
     shrunk,
     tally,
 )
+from mattgs_ops.object_masks.splats.location import distances_from, locate, solid, within_reach
 from mattgs_ops.splat.gaussians import Splats
 
-CERTAIN = 0.5  # mean vote from which on a splat is object
 LEVELS = (0.125, 0.25, 0.375, 0.5)  # mean votes from which on a splat may be object
 # Mean votes of the first round are stretched for the second: to 0 at UNSURE below a middle, to 1 at
 # UNSURE above. Single maps miss more of an object than they invent, so a quarter is enough.
 QUARTER, UNSURE = 0.25, 0.125
 SHARE = 0.5  # of a pixel's colour that must come from the object's splats
-REACH = 0.9  # share of the certain splats within the object's radius
-BESIDE = 1.2  # radii: ground goes on beyond the object; a base plate, which it stands on, does not
 CONTACT = 0.04  # of the radius: height above the plane below which a splat is ground, or a foot
-SOLID = 0.3  # opacity from which on a splat is a surface
 
 
 @dataclass(frozen=True)
@@ -115,6 +111,7 @@ def collect(
     place = locate(splats, direct, weights, around, points)
     if place is None:
         return None
+    direct = within_reach(splats, direct, place)
     by_others = _by_others(splats, voting, maps, can_vote, tallied, place, threads)
     return SplatVotes(splats, around, direct, weights, place, *by_others)
 
@@ -140,6 +137,7 @@ def masks_of(
         for camera in splat_votes.voters
     ]
     again = tally(splats, splat_votes.voters, first, threads=threads).labels()
+    again = within_reach(splats, again, place)
     voted = without_ground(splats, again, place) if cut_ground else again
     certain = (voted >= CERTAIN).astype(np.float32)
     joined = with_attached_parts(splats, again, weights, place, splat_votes.direct)
@@ -179,7 +177,8 @@ def _by_others(
     own, labels, soft, voter = [], [], [], 0
     for camera, mine, votes in zip(cameras, maps, can_vote, strict=True):
         own.append(shrunk(mine, camera) >= CERTAIN)
-        labels.append(tallied.labels(voter if votes else None))
+        counted = tallied.labels(voter if votes else None)
+        labels.append(within_reach(splats, counted, place))
         soft += render_labels(splats, labels[-1:], camera, place, threads=threads)
         voter += votes
     compared = [index for index, votes in enumerate(can_vote) if votes]
@@ -191,44 +190,6 @@ def _by_others(
         shown = render_labels(splats, [either], cameras[k], place, threads=threads)[0]
         firm.append(iou(shown >= SHARE, own[k]))
     return [around_half(one, best) for one in soft], firm, agreement[best], best
-
-
-def locate(
-    splats: Splats,
-    labels: Floats,
-    weights: Floats,
-    cameras: Sequence[Camera],
-    points: NDArray[np.float64] | None = None,
-) -> Place | None:
-    """Find the object among the splats; None where no splat is salient to its views.
-
-    Triangulated ``points`` [P, 3] lie on the ground more exactly than splats of a short training,
-    which are thick. Where they show no plane, or there are none, the plane is sought among splats.
-    """
-    xyz = splats.means.numpy().astype(np.float64)
-    surface = solid(splats, weights)
-    certain = xyz[surface & (labels > CERTAIN)]
-    if len(certain) < ground_plane.FEWEST_POINTS:
-        return None
-    middle = np.median(certain, axis=0)
-    radius = float(np.quantile(np.linalg.norm(certain - middle, axis=1), REACH))
-    centres = np.array([camera.centre for camera in cameras])
-    ground = None
-    if points is not None:
-        ground = ground_plane.find(points[_beside(points, middle, radius)], radius, centres)
-    if ground is None:
-        around = xyz[surface & (labels <= CERTAIN) & _beside(xyz, middle, radius)]
-        ground = ground_plane.find(around, radius, centres)
-    return Place(middle, radius, ground)
-
-
-def _beside(
-    xyz: NDArray[np.float64], middle: NDArray[np.float64], radius: float
-) -> NDArray[np.bool_]:
-    """Return which points [N, 3] lie where the ground is sought: beside the object, not far off."""
-    distances = np.linalg.norm(xyz - middle, axis=1) / radius
-    beside: NDArray[np.bool_] = (distances > BESIDE) & (distances < ground_plane.REACH)
-    return beside
 
 
 def without_ground(splats: Splats, labels: Floats, place: Place) -> Floats:
@@ -279,19 +240,6 @@ def _feet(
         return np.zeros_like(belongs)
     feet[feet] = cKDTree(along[above]).query(along[feet])[0] <= reach
     return feet
-
-
-def distances_from(splats: Splats, place: Place) -> NDArray[np.float64]:
-    """Return how far splats [N] are from the object's middle, in its radii."""
-    means = splats.means.numpy().astype(np.float64)
-    distances: NDArray[np.float64] = np.linalg.norm(means - place.middle, axis=1) / place.radius
-    return distances
-
-
-def solid(splats: Splats, weights: Floats) -> NDArray[np.bool_]:
-    """Return which splats [N] are surfaces: opaque, and seen by the views."""
-    opaque: NDArray[np.bool_] = torch.sigmoid(splats.opacity_logits).numpy() > SOLID
-    return opaque & (weights > UNSEEN)
 
 
 def stretched(soft: SoftMap, middle: float) -> SoftMap:

@@ -11,10 +11,10 @@ import torch
 from mattgs_ops.capture.camera import Camera
 from mattgs_ops.object_masks.splats.ground_plane import Plane
 from mattgs_ops.object_masks.splats.labels import Place, render_labels, tally
+from mattgs_ops.object_masks.splats.location import locate
 from mattgs_ops.object_masks.splats.votes import (
     QUARTER,
     collect,
-    locate,
     masks_of,
     stretched,
     with_attached_parts,
@@ -121,21 +121,6 @@ def test_leaks_losses_and_the_ground_are_mended() -> None:
     np.testing.assert_allclose(place.middle, CENTRE, atol=0.25)
 
 
-@pytest.mark.parametrize("triangulated", [True, False])
-def test_the_ground_is_sought_among_triangulated_points_first(triangulated: bool) -> None:
-    """The desk's splats are thick, and lie a fifth of the ball's radius too high."""
-    cameras, splats = orbit(), scene_of_splats()
-    splats.means[BALL:, 2] += 0.2 * RADIUS
-    rng = np.random.default_rng(2)
-    on_desk = np.concatenate([rng.uniform(-2, 2, (400, 2)), np.zeros((400, 1))], axis=1)
-    points = on_desk if triangulated else rng.normal(0, 1, (400, 3)) + CENTRE
-    labels, weights = labelled(splats, cameras, [truth(camera) for camera in cameras])
-    place = locate(splats, labels, weights, cameras, points)
-    assert place is not None
-    assert place.ground is not None
-    assert place.ground.offset == pytest.approx(0 if triangulated else 0.2 * RADIUS, abs=0.02)
-
-
 def test_a_spot_that_no_view_finds_is_object_because_it_is_part_of_the_ball() -> None:
     cameras, splats = orbit(), scene_of_splats()
     top = CENTRE + np.array([0, 0, RADIUS])
@@ -151,13 +136,6 @@ def test_a_spot_that_no_view_finds_is_object_because_it_is_part_of_the_ball() ->
     belongs = with_attached_parts(splats, labels, weights, place).whole
     assert belongs[spot].all()
     assert not belongs[BALL:].any()  # the desk, on which the ball touches it too
-
-
-def test_maps_that_show_nothing_locate_nothing() -> None:
-    cameras = orbit()
-    maps = [np.zeros((HEIGHT, WIDTH), np.float32)] * VIEWS
-    splats = scene_of_splats()
-    assert locate(splats, *labelled(splats, cameras, maps), cameras) is None
 
 
 @pytest.mark.parametrize("half", [0.25, 0.5])
@@ -214,18 +192,6 @@ def test_a_view_is_predicted_without_its_own_map() -> None:
     votes = masks_of(splat_votes, cameras)
     assert iou(votes.predicted[2], truth(cameras[2])) > 0.75
     assert votes.agreement[2] < 0.3
-
-
-def test_a_plate_that_is_object_is_no_ground() -> None:
-    cameras, splats = orbit(), scene_of_splats()
-    maps = [truth(camera) for camera in cameras]
-    labels, weights = labelled(splats, cameras, maps)
-    plate = np.linalg.norm(splats.means.numpy() - [0, 0, 0], axis=1) < 0.75 * RADIUS
-    beyond = np.abs(splats.means.numpy()[:, 2]) < 0.01
-    weights = np.where(beyond & ~plate, 0, weights)  # nothing is seen of the desk but the plate
-    place = locate(splats, np.where(plate, 1, labels).astype(np.float32), weights, cameras)
-    assert place is not None
-    assert place.ground is None
 
 
 def test_an_object_keeps_what_it_stands_on_and_gets_no_shadow_beside_it() -> None:

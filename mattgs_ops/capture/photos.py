@@ -6,7 +6,8 @@ what to do about it. Decoding applies the EXIF orientation once; nothing downstr
 """
 
 import struct
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from mattgs_ops.capture.formats.exif import exif_focal, exif_lens
 from mattgs_ops.capture.formats.not_read import advice
 from mattgs_ops.capture.formats.split_lists import LIST_FILES, NERF_LISTS
 from mattgs_ops.errors import InputError, StageError
-from mattgs_ops.naming import numbers_by_value
+from mattgs_ops.naming import listed_names, numbers_by_value
 
 FORMATS = ("JPEG", "PNG", "TIFF", "WEBP", "BMP")
 SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".mpo"})
@@ -33,6 +34,7 @@ IGNORED_FOLDERS = frozenset({"masks", "sparse"})
 OUTPUT_MARK = ".mattgs-out"  # an empty file in folders of our own output
 PNG_BIT_DEPTH_OFFSET = 24  # byte of IHDR, PNG specification section 11.2.2
 TIFF_BITS_PER_SAMPLE = 258
+NAMED = 8  # photos in one sentence
 UPRIGHT, SIDEWAYS = 1, frozenset({5, 6, 7, 8})  # EXIF 2.32, orientation
 # What Pillow raises for files that are damaged, a few of which only its own format's code does
 BROKEN = (OSError, SyntaxError, ValueError, TypeError, LookupError, struct.error)
@@ -95,6 +97,20 @@ def list_photos(folder: Path, masks: Path | None = None) -> tuple[list[Path], li
                 f"{path}: not an image; remove it or move it to another folder{advice(lower)}"
             )
     return photos, problems
+
+
+def perhaps_cropped(sizes: Mapping[str, tuple[int, int]]) -> list[str]:
+    """Name photos whose (width, height) no other has, either way up, in a sentence; [] if none.
+
+    The lens's axis meets the middle of a picture as the camera took it, but not of a part of it.
+    Photos that were cropped to shapes of their own give themselves away by that.
+    """
+    counts = Counter(tuple(sorted(size)) for size in sizes.values())
+    found = [name for name, size in sizes.items() if counts[tuple(sorted(size))] == 1]
+    if not found:
+        return []
+    told = f"{len(found)} have a size that no other photo has: {listed_names(found, NAMED)}"
+    return [f"{told}; if they are cropped, their cameras are wrong: use them as they were taken"]
 
 
 def mark_output(folder: Path) -> None:

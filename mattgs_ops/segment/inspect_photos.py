@@ -13,7 +13,7 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from mattgs_ops.capture.photos import read_rgb
+from mattgs_ops.capture.photos import perhaps_cropped, read_rgb
 from mattgs_ops.capture.scene import PreparedCapture
 from mattgs_ops.capture.video import relative_sharpness
 from mattgs_ops.naming import listed_names
@@ -83,6 +83,8 @@ def inspect(
         linked = [pair for pair, link in links.items() if link.moving >= least]
         matched, placed = quick_matches.together(linked, len(names))
     problems = _problems(names, sharp, light, matched, placed)
+    if not given:
+        problems += perhaps_cropped({v.name: (v.width, v.height) for v in capture.views})
     uneven = float(exposures({pair: link.stops for pair, link in links.items()}, len(names)).std())
     if uneven > UNEVEN:
         problems.append(f"exposure differs between photos: {uneven:.2f} stops (standard deviation)")

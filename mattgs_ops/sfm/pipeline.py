@@ -23,6 +23,7 @@ from typing import Any
 
 from mattgs_ops.capture import sparse, visual_hull
 from mattgs_ops.capture.formats import colmap_model
+from mattgs_ops.capture.photos import perhaps_cropped
 from mattgs_ops.capture.scene import PreparedCapture, Scene, View
 from mattgs_ops.capture.sparse import SparseModel
 from mattgs_ops.config import SfmConfig
@@ -193,6 +194,22 @@ def _require_registered(
         )
 
 
+def warnings(capture: PreparedCapture, answer: Answer) -> list[str]:
+    """Return what a reader must know of the cameras, a sentence each."""
+    sizes = {view.name: (view.width, view.height) for view in capture.views}
+    return [
+        *lost_views.warnings(capture, answer),
+        *given_poses.warnings(answer),
+        *look_alikes.warnings(answer),
+        *(perhaps_cropped(sizes) if _estimated(answer) else ()),
+    ]
+
+
+def _estimated(answer: Answer) -> bool:
+    """Whether poses were sought, and did not come with the capture."""
+    return "map" in answer.seconds
+
+
 def _report(
     capture: PreparedCapture, views: tuple[View, ...], answer: Answer, empty: list[str]
 ) -> dict[str, Any]:
@@ -201,17 +218,13 @@ def _report(
     whole, masked = (sum(c[k] for c in counts.values()) for k in (0, 1))
     return {
         "mode": answer.mode,
-        "poses": "given" if "map" not in answer.seconds else "estimated",
+        "poses": "estimated" if _estimated(answer) else "given",
         "registered": len(answer.registered),
         "views": len(capture.views),
         "registered_share": len(answer.registered) / len(capture.views),
         "missing": [view.to_json() for view in lost_views.lost_views(capture, answer)],
         "second_groups": lost_views.second_groups(answer),
-        "warnings": [
-            *lost_views.warnings(capture, answer),
-            *given_poses.warnings(answer),
-            *look_alikes.warnings(answer),
-        ],
+        "warnings": warnings(capture, answer),
         "poses_in_doubt": lost_views.in_doubt(capture, answer)
         or given_poses.in_doubt(answer)
         or look_alikes.in_doubt(answer),

@@ -17,6 +17,7 @@ from mattgs_ops.capture.photos import (
     list_photos,
     mark_output,
     on_white,
+    perhaps_cropped,
     read_rgb,
     write_png,
 )
@@ -272,3 +273,10 @@ def test_a_full_disk_is_the_reason_why_a_photo_could_not_be_written(tmp_path: Pa
     (tmp_path / "a.png").symlink_to("/dev/full")
     with pytest.raises(StageError, match=r"a\.png: could not be written: No space left"):
         write_png(tmp_path / "a.png", colours())
+
+
+def test_photos_of_a_size_of_their_own_may_be_cropped() -> None:
+    sizes = {"a": (40, 30), "b": (30, 40), "c": (40, 29), "d": (40, 30)}
+    (told,) = perhaps_cropped(sizes)
+    assert told.startswith("1 have a size that no other photo has: c; if they are cropped")
+    assert perhaps_cropped(sizes | {"c": (40, 30)}) == []

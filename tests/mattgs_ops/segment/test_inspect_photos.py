@@ -84,6 +84,14 @@ def test_what_is_wrong_is_told_by_name(tmp_path: Path) -> None:
     assert "of 6 photos hang together" in told
 
 
+def test_a_cropped_photo_is_told_unless_its_camera_is_known(tmp_path: Path) -> None:
+    for posed in (False, True):
+        made = capture(tmp_path, posed=posed)
+        views = (*made.views[:5], replace(made.views[5], width=WIDTH - 9))
+        told = [text for text in inspect(replace(made, views=views)).problems if "size" in text]
+        assert ["5.jpg" in text for text in told] == ([] if posed else [True])
+
+
 def test_dark_photos_are_not_blurred_unless_they_are(tmp_path: Path) -> None:
     source = capture(tmp_path)
     for index in (2, 3):

@@ -12,6 +12,7 @@ from mattgs_ops import sfm
 from mattgs_ops.capture.scene import FROM_OBJECT, PreparedCapture, View
 from mattgs_ops.config import SfmConfig
 from mattgs_ops.errors import StageError
+from mattgs_ops.sfm import pipeline
 from mattgs_ops.sfm.colmap.job import Answer
 from mattgs_ops.sfm.colmap.matching import partners
 from mattgs_ops.sfm.colmap.moving_object import STANDS_STILL
@@ -101,6 +102,15 @@ def test_lost_views_of_an_object_on_a_turntable_come_with_what_to_do() -> None:
     assert warnings(capture_of(NAMES), turned)[-1] == OBJECT_TURNS
     assert OBJECT_TURNS not in warnings(capture_of(NAMES), answer_of())
     assert warnings(capture_of(NAMES), replace(turned, registered=NAMES)) == []
+
+
+def test_a_photo_of_a_size_of_its_own_is_told_unless_its_camera_came_along() -> None:
+    views = [replace(v, width=7) if v.name == "d.jpg" else v for v in capture_of(NAMES).views]
+    capture = replace(capture_of(NAMES), views=tuple(views))
+    for seconds, told in (({"map": 1.0}, 1), ({}, 0)):
+        said = pipeline.warnings(capture, answer_of(registered=NAMES, seconds=seconds))
+        assert len(said) == told
+        assert all("d.jpg; if they are cropped" in one for one in said)
 
 
 def test_nothing_is_said_where_all_views_were_placed() -> None:

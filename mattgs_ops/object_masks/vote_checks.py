@@ -129,7 +129,9 @@ def _why_not_by_agreement(views: ViewMaps, voted: MapScores, agreements: Sequenc
 
     Each is worth its IoU with the own map times the share of outlines on edges: the votes' own, and
     the maps' for silhouettes. It must be less on average, where silhouettes are compared, and
-    surely less view by view: near a tie, bits would decide.
+    surely less view by view: near a tie, bits would decide. Where silhouettes meet the maps less
+    than :data:`CONTRADICT`, maps show different things, and to meet them is no merit: votes that
+    predict each other surely better are then not held against them.
     """
     trained, compared = views.trained_views, views.with_object
     met, edges = float(np.mean(agreements)), voted.mean_on_edges(trained)
@@ -139,6 +141,9 @@ def _why_not_by_agreement(views: ViewMaps, voted: MapScores, agreements: Sequenc
     by_outline = [views.by_outline[k] * views.own.on_edges[k] for k in compared]
     by_votes = [one * voted.on_edges[k] for k, one in zip(compared, agreements, strict=True)]
     if not surely_larger(by_outline, by_votes):
+        return ""
+    astray = views.silhouettes < CONTRADICT
+    if astray and surely_larger(views.worths(voted.maps), views.own_worths):
         return ""
     return (
         f"votes meet the photos' maps to {met:.2f} and the photos' edges to {edges:.2f}, surely "

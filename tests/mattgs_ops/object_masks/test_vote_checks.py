@@ -124,3 +124,15 @@ def test_votes_that_meet_maps_a_little_less_are_refused_where_all_views_say_so(
     assert found.confirmed["votes"] == found.confirmed["maps"]
     assert found.votes == pytest.approx(found.silhouettes - 0.05)
     assert found.masks == masks
+
+
+@pytest.mark.parametrize(("meet", "masks"), [(0.45, "votes"), (0.55, "maps")])
+def test_to_meet_maps_that_contradict_each_other_is_no_merit(meet: float, masks: str) -> None:
+    """Each map shows another fragment; votes meet them less, and predict each other better."""
+    fragments = [t.copy() for t in TRUTHS]
+    for k, soft in enumerate(fragments):
+        soft[: HEIGHT // 2] *= k % 2
+        soft[HEIGHT // 2 :] *= 1 - k % 2
+    views = views_of([SPECKLED] * VIEWS, fragments, Silhouettes(fragments, [meet] * VIEWS, 1.0))
+    meeting_less = replace(votes(fragments, TRUTHS), agreement=[0.4] * VIEWS)
+    assert decide(views, meeting_less, final=True)[0].masks == masks

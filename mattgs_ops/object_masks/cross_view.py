@@ -95,7 +95,8 @@ def agree(
     found = variants.best(splats)
     colours, soft = cut_by_colours(photos, own, found.maps, trained, threads=threads)
     agreed = {view.name: one for view, one in zip(found.decision.views, soft, strict=True)}
-    record = _decision_record(found, colours, plain, networks)
+    around = [camera for camera, use in zip(cameras, trained, strict=True) if use]
+    record = _decision_record(found, colours, plain, networks, around)
     return write(
         scene, capture, out, report, agreed, record, plain_ground=plain.used, threads=threads
     )
@@ -106,8 +107,10 @@ def _decision_record(
     colours: ColourEvidence | None,
     plain: PlainGround,
     networks: own_maps.OwnMaps,
+    around: Sequence[Camera],
 ) -> dict[str, Any]:
-    """Return the decision as JSON values, rounded."""
+    """Return the decision as JSON values, rounded; ``around`` are the training views' cameras."""
+    middle = None if found.votes is None else found.votes.place.middle
     share = None if found.ground is None else found.ground.share
     by_colours = None if colours is None else asdict(colours)
     summary = {
@@ -119,6 +122,7 @@ def _decision_record(
         "plain_ground": asdict(plain),
         "network": networks.chosen,
         "networks": networks.worths,
+        "seen_within": None if middle is None else silhouettes.seen_within(around, middle),
     }
     record: dict[str, Any] = _rounded(asdict(found.decision) | summary)
     return record

@@ -4,6 +4,7 @@
 capture whose masks are in doubt gets no verdict: everything after masks is built on them.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -19,6 +20,10 @@ from mattgs_ops.sfm.look_alikes import confirmed
 from mattgs_ops.sfm.lost_views import MOST_VIEWS
 
 MANY = 0.5  # of the views: a flag that more than half of them carry is the capture's
+# Degrees between the two views that differ most. Silhouettes of radius r that are seen within an
+# angle θ share what lies up to r / sin(θ / 2) behind the object; from this angle on that is within
+# 2.5 radii, beyond which nothing joins an object (``attached_parts.FAR``).
+ONE_SIDE = 2 * math.degrees(math.asin(1 / 2.5))
 DIFFERENT_EXPOSURE = 0.5  # stops: cameras set exposure in steps of thirds
 GAMMA = 2.2  # light is about the 2.2th power of an sRGB value (IEC 61966-2-1)
 NAMED = 5  # views named in one sentence
@@ -38,6 +43,13 @@ def of_masks(report: MaskReport, extra: Mapping[str, Any]) -> list[Doubt]:
     agreement = extra.get("agreement") or {}
     texts = [*_contradictions(agreement), *_flooded(report)]
     doubts = [Doubt("masks", text, True) for text in texts]
+    angle = agreement.get("seen_within")
+    if angle is not None and angle < ONE_SIDE:
+        text = (
+            f"photos show the object from one side, within {angle:.0f} degrees: masks may hold "
+            "what lies behind it, and no photo contradicts that; look at the sheet of masks"
+        )
+        doubts.append(Doubt("masks", text, False))
     dropped = list(extra.get("dropped") or ())
     if dropped:
         named = listed_names(dropped, NAMED)

@@ -52,6 +52,13 @@ class Silhouettes:
         return float(np.mean(self.agreement))
 
 
+def seen_within(cameras: Sequence[Camera], middle: Floats) -> float:
+    """Return the largest angle in degrees between the ways from ``middle`` [3] to two cameras."""
+    ways = np.stack([camera.centre for camera in cameras]) - middle
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    return float(np.degrees(np.arccos(np.clip(ways @ ways.T, -1, 1).min())))
+
+
 def predict(
     cameras: Sequence[Camera], maps: Sequence[SoftMap], trained: Sequence[bool] | None = None
 ) -> Silhouettes | None:

@@ -56,6 +56,16 @@ def test_agreement_is_in_doubt_below_a_half(agreement: dict[str, object], doubte
     assert bool(of_masks(report(), {"agreement": GOOD | agreement})) is doubted
 
 
+@pytest.mark.parametrize(
+    ("angle", "told"), [(13.0, True), (47.0, True), (47.3, False), (None, False)]
+)
+def test_photos_of_one_side_are_told_and_forbid_no_verdict(angle: float | None, told: bool) -> None:
+    """sin(47.2° / 2) = 1 / 2.5: what lies farther behind is in no silhouette of both."""
+    doubts = of_masks(report(), {"agreement": GOOD | {"seen_within": angle}})
+    assert [doubt.serious for doubt in doubts] == [False] * told
+    assert all("from one side, within" in doubt.text for doubt in doubts)
+
+
 def test_maps_that_share_no_object() -> None:
     none = {"none": "the photos' maps share no object"}
     assert [doubt.serious for doubt in of_masks(report(), {"agreement": none})] == [True]

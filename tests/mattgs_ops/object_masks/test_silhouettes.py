@@ -1,6 +1,7 @@
 """Silhouettes of the other views predict a view's map, without any texture."""
 
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from scipy.ndimage import gaussian_filter, maximum_filter, minimum_filter
 
 from mattgs_ops.capture.camera import Camera
 from mattgs_ops.object_masks import silhouettes
-from mattgs_ops.object_masks.silhouettes import around_half, iou, predict, resized
+from mattgs_ops.object_masks.silhouettes import around_half, iou, predict, resized, seen_within
 from tests.mattgs_ops.object_masks.ball import (
     CENTRE,
     HEIGHT,
@@ -216,3 +217,11 @@ def closed(image: np.ndarray, gap: int) -> np.ndarray:
     side = 2 * gap + 1
     grown = maximum_filter(image, side, mode="constant", cval=0.0)
     return minimum_filter(grown, side - 2, mode="constant", cval=1.0) if gap > 1 else grown
+
+
+def test_views_are_seen_within_the_largest_angle_between_any_two() -> None:
+    cameras = orbit()
+    ways = [(camera.centre - CENTRE) / np.linalg.norm(camera.centre - CENTRE) for camera in cameras]
+    angles = [np.degrees(np.arccos(a @ b)) for a, b in combinations(ways, 2)]
+    assert seen_within(cameras, CENTRE) == pytest.approx(max(angles), abs=1e-4)
+    assert seen_within(cameras[:1], CENTRE) == pytest.approx(0, abs=1e-4)

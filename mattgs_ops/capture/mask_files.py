@@ -38,9 +38,8 @@ def find_mask(folder: Path, photo_name: str) -> Path:
     photo = Path(photo_name)
     stem = photo.with_suffix("").as_posix()  # with the folders that it lies in
     suffixes = dict.fromkeys((".png", photo.suffix, *sorted(SUFFIXES)))
-    names = [f"{photo_name}.png", f"{stem}.png", photo_name]
-    names += [f"{base}{suffix}" for base in (stem, f"{stem}{NOTE}") for suffix in suffixes]
-    for name in names:
+    named = (f"{base}{suffix}" for base in (stem, f"{stem}{NOTE}") for suffix in suffixes)
+    for name in (f"{photo_name}.png", *named):
         if (folder / name).is_file():
             return folder / name
     raise NoMaskError(missing_masks(folder, [photo_name]))

@@ -251,8 +251,7 @@ def _masks_among(paths: Sequence[Path], images: Path) -> list[str]:
     found = [
         (path, photo)
         for path in paths
-        for photo in (masks_of.get(str(path)), masks_of.get(str(path.with_suffix(""))))
-        if photo is not None
+        if (photo := masks_of.get(str(path)) or masks_of.get(str(path.with_suffix(""))))
     ]
     if not found:
         return []

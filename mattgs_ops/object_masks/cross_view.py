@@ -95,7 +95,7 @@ def agree(
     found = variants.best(splats)
     colours, soft = cut_by_colours(photos, own, found.maps, trained, threads=threads)
     agreed = {view.name: one for view, one in zip(found.decision.views, soft, strict=True)}
-    around = [camera for camera, use in zip(cameras, trained, strict=True) if use]
+    around = [cameras[k] for k in variants.views.trained_views]
     record = _decision_record(found, colours, plain, networks, around)
     return write(
         scene, capture, out, report, agreed, record, plain_ground=plain.used, threads=threads

@@ -248,7 +248,7 @@ def _report(
         "cpu_seconds": {step: round(s, 3) for step, s in answer.cpu_seconds.items()},
         "threads": answer.threads,
         "fallbacks": list(answer.fallbacks),
-        "pose_error": pose_error(capture, views) if "map" in answer.seconds else None,
+        "pose_error": pose_error(capture, views) if _estimated(answer) else None,
     }
 
 

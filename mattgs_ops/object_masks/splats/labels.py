@@ -61,6 +61,12 @@ class Tally:
         found: Floats = np.where(weight > UNSEEN_BY_OTHERS, total / weight.clip(min=UNSEEN), 0)
         return found.astype(np.float32)
 
+    def among(self, possible: NDArray[np.bool_]) -> "Tally":
+        """Return the votes with none for splats that are not ``possible`` [N]."""
+        if possible.all():
+            return self
+        return replace(self, weighted_map=np.where(possible, self.weighted_map, np.float32(0)))
+
 
 def tally(
     splats: Splats, cameras: Sequence[Camera], maps: Sequence[SoftMap], *, threads: int = 1

@@ -54,10 +54,10 @@ def locate(
     return Place(middle, radius, ground, math.inf if near.all() else FAR * radius)
 
 
-def within_reach(splats: Splats, labels: Floats, place: Place) -> Floats:
-    """Return the labels [N], 0 for what is too far from the object to be a part of it."""
-    near = distances_from(splats, place) <= place.reach / place.radius
-    return np.where(near, labels, 0).astype(np.float32)
+def within_reach(splats: Splats, place: Place) -> NDArray[np.bool_]:
+    """Return which splats [N] are near enough to the object to be a part of it."""
+    near: NDArray[np.bool_] = distances_from(splats, place) <= place.reach / place.radius
+    return near
 
 
 def distances_from(splats: Splats, place: Place) -> NDArray[np.float64]:

@@ -106,14 +106,14 @@ def collect(
     if not voting_maps:
         return None
     tallied = tally(splats, voters, voting_maps, threads=threads)
-    direct, weights = tallied.labels(), tallied.weight.sum(axis=0)
+    weights = tallied.weight.sum(axis=0)
     around = [camera for camera, use in zip(voting, trained, strict=True) if use]
-    place = locate(splats, direct, weights, around, points)
+    place = locate(splats, tallied.labels(), weights, around, points)
     if place is None:
         return None
-    direct = within_reach(splats, direct, place)
+    tallied = tallied.among(within_reach(splats, place))
     by_others = _by_others(splats, voting, maps, can_vote, tallied, place, threads)
-    return SplatVotes(splats, around, direct, weights, place, *by_others)
+    return SplatVotes(splats, around, tallied.labels(), weights, place, *by_others)
 
 
 def masks_of(
@@ -136,8 +136,8 @@ def masks_of(
         stretched(render_labels(splats, [labels], camera, place, threads=threads)[0], middle)
         for camera in splat_votes.voters
     ]
-    again = tally(splats, splat_votes.voters, first, threads=threads).labels()
-    again = within_reach(splats, again, place)
+    second = tally(splats, splat_votes.voters, first, threads=threads)
+    again = second.among(within_reach(splats, place)).labels()
     voted = without_ground(splats, again, place) if cut_ground else again
     certain = (voted >= CERTAIN).astype(np.float32)
     joined = with_attached_parts(splats, again, weights, place, splat_votes.direct)
@@ -177,8 +177,7 @@ def _by_others(
     own, labels, soft, voter = [], [], [], 0
     for camera, mine, votes in zip(cameras, maps, can_vote, strict=True):
         own.append(shrunk(mine, camera) >= CERTAIN)
-        counted = tallied.labels(voter if votes else None)
-        labels.append(within_reach(splats, counted, place))
+        labels.append(tallied.labels(voter if votes else None))
         soft += render_labels(splats, labels[-1:], camera, place, threads=threads)
         voter += votes
     compared = [index for index, votes in enumerate(can_vote) if votes]

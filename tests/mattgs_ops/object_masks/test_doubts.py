@@ -1,11 +1,13 @@
 """When masks are in doubt, and what is said then."""
 
+import math
 import re
 
 import pytest
 
 from mattgs_ops.capture.scene import FROM_OBJECT
-from mattgs_ops.object_masks.doubts import of_exposure, of_masks, of_poses
+from mattgs_ops.object_masks.doubts import ONE_SIDE, of_exposure, of_masks, of_poses
+from mattgs_ops.object_masks.splats.attached_parts import FAR
 from mattgs_ops.segment.mask_report import MaskReport, ViewReport
 
 GOOD = {"silhouettes": 0.8, "votes": 0.9, "overlap": {"a": 0.9, "b": 0.7}}
@@ -64,6 +66,7 @@ def test_photos_of_one_side_are_told_and_forbid_no_verdict(angle: float | None, 
     doubts = of_masks(report(), {"agreement": GOOD | {"seen_within": angle}})
     assert [doubt.serious for doubt in doubts] == [False] * told
     assert all("from one side, within" in doubt.text for doubt in doubts)
+    assert math.sin(math.radians(ONE_SIDE / 2)) == pytest.approx(1 / FAR)
 
 
 def test_maps_that_share_no_object() -> None:

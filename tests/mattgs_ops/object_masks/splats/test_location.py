@@ -75,8 +75,8 @@ def test_what_lies_far_behind_is_another_thing() -> None:
     place = place_of(means)
     assert place.radius == pytest.approx(RADIUS, rel=0.1)
     np.testing.assert_allclose(place.middle, CENTRE, atol=0.1)
-    labels = within_reach(made_of(means, np.ones(1400)), np.ones(1400, np.float32), place)
-    assert (labels == ([1.0] * 1000 + [0.0] * 400)).all()
+    near = within_reach(made_of(means, np.ones(1400)), place)
+    assert (near == ([True] * 1000 + [False] * 400)).all()
 
 
 def test_the_object_is_what_views_see_most_of() -> None:

@@ -37,6 +37,8 @@ A_PHOTO = 0.65  # segmentation and agreement between views
 A_STEP = 0.02  # of a training at 320 pixels
 A_TRAINING = 10.5  # scores and speed
 WORKERS = 2
+# By PreparedCapture.masks_are; nothing where the network segments
+WHOSE_MASKS = {"given": "; masks came with them", "alpha": "; their alpha is the mask"}
 # All attempts at structure-from-motion took 3.7 to 7.4 times what the first is said to take: 93
 # photos of a cut-out plush cat, 125 frames of a figure, the 14 photos of a duck of docs/sfm.md
 ALL_ATTEMPTS = 8
@@ -191,7 +193,8 @@ def _lines(
     capture: PreparedCapture, seen: Inspected, about: Sequence[str], *, good: bool
 ) -> list[str]:
     sizes = sorted({f"{view.width}x{view.height}" for view in capture.views})
-    lines = [f"{len(seen.names)} photos, {', '.join(sizes)} pixels as they are used"]
+    masks = WHOSE_MASKS.get(capture.masks_are, "")
+    lines = [f"{len(seen.names)} photos, {', '.join(sizes)} pixels as they are used{masks}"]
     lines += [*(f"! {problem}" for problem in seen.problems), *about]
     count = f"{seen.placed} of {len(seen.names)} photos"
     if good:

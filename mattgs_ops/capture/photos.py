@@ -7,7 +7,7 @@ what to do about it. Decoding applies the EXIF orientation once; nothing downstr
 
 import struct
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -99,18 +99,22 @@ def list_photos(folder: Path, masks: Path | None = None) -> tuple[list[Path], li
     return photos, problems
 
 
-def perhaps_cropped(sizes: Mapping[str, tuple[int, int]]) -> list[str]:
+def perhaps_cropped(
+    sizes: Mapping[str, tuple[int, int]], mended: Collection[str] = ()
+) -> list[str]:
     """Name photos whose (width, height) no other has, either way up, in a sentence; [] if none.
 
     The lens's axis meets the middle of a picture as the camera took it, but not of a part of it.
-    Photos that were cropped to shapes of their own give themselves away by that.
+    Photos that were cropped to shapes of their own give themselves away by that. Those whose axis
+    was found (``mended``) are left out.
     """
     counts = Counter(tuple(sorted(size)) for size in sizes.values())
-    found = [name for name, size in sizes.items() if counts[tuple(sorted(size))] == 1]
+    alone = [name for name, size in sizes.items() if counts[tuple(sorted(size))] == 1]
+    found = [name for name in alone if name not in mended]
     if not found:
         return []
     told = f"{len(found)} have a size that no other photo has: {listed_names(found, NAMED)}"
-    return [f"{told}; if they are cropped, their cameras are wrong: use them as they were taken"]
+    return [f"{told}; if they are cropped, their cameras may be wrong: use them as they were taken"]
 
 
 def mark_output(folder: Path) -> None:

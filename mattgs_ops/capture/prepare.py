@@ -271,6 +271,7 @@ def _write_view(
         lens=photo.lens,
         coverage=None if coverage is None else out / "coverage" / file,
         cut_out=source.own_masks is None and photo.alpha is not None,
+        taken=None if size == photo.size else photo.size,
     )
 
 

@@ -37,6 +37,8 @@ from mattgs_ops.naming import below, is_below
 Split = Literal["train", "test"]
 SCHEMA = 1
 POINTS_FILE = "given_points.npz"
+# A view's fields that JSON holds as they are
+PLAIN_FIELDS = ("name", "split", "width", "height", "focal", "lens", "cut_out", "taken")
 FROM_OBJECT = "poses from inside masks alone"  # ends the step of ``fallbacks`` that says so
 
 
@@ -45,7 +47,8 @@ class View:
     """One photo. Paths are absolute; ``camera`` is None when unknown.
 
     ``focal`` is the focal length in pixels that the photo's EXIF tells, None where it tells none;
-    ``lens`` is what it says of the camera, empty where it says nothing.
+    ``lens`` is what it says of the camera, empty where it says nothing. ``taken``: width and height
+    before the photo was reduced, None where it was not.
     ``coverage`` is the exact mask, None where none came with the capture. ``cut_out``: the photo
     shows the object on white already, as one with an alpha channel does.
     """
@@ -62,6 +65,12 @@ class View:
     lens: str = ""
     coverage: Path | None = None
     cut_out: bool = False
+    taken: tuple[int, int] | None = None
+
+    @property
+    def as_taken(self) -> tuple[int, int]:
+        """Width and height before the photo was reduced."""
+        return self.taken or (self.width, self.height)
 
 
 @dataclass(frozen=True)
@@ -239,27 +248,21 @@ def _read(folder: Path, file: str) -> tuple[dict[str, Any], tuple[View, ...]]:
 
 
 def _view_to_json(view: View, folder: Path) -> dict[str, Any]:
+    row = {field: getattr(view, field) for field in PLAIN_FIELDS}
+    for field in ("photo", "mask", "ids", "coverage"):
+        path = getattr(view, field)
+        row[field] = None if path is None else str(path.relative_to(folder))
     camera = view.camera
-    return {
-        "name": view.name,
-        "split": view.split,
-        "width": view.width,
-        "height": view.height,
-        "photo": str(view.photo.relative_to(folder)),
-        "mask": None if view.mask is None else str(view.mask.relative_to(folder)),
-        "ids": None if view.ids is None else str(view.ids.relative_to(folder)),
-        "focal": view.focal,
-        "lens": view.lens,
-        "coverage": None if view.coverage is None else str(view.coverage.relative_to(folder)),
-        "cut_out": view.cut_out,
-        "camera": None
+    row["camera"] = (
+        None
         if camera is None
         else {
             "intrinsics": vars(camera.intrinsics),
             "rotation": camera.rotation.tolist(),
             "translation": camera.translation.tolist(),
-        },
-    }
+        }
+    )
+    return row
 
 
 def _view_from_json(row: dict[str, Any], folder: Path, source: Path) -> View:
@@ -283,6 +286,7 @@ def _view_from_json(row: dict[str, Any], folder: Path, source: Path) -> View:
         lens=str(row.get("lens", "")),
         coverage=place("coverage") if row.get("coverage") else None,
         cut_out=bool(row.get("cut_out", False)),
+        taken=tuple(row["taken"]) if row.get("taken") else None,
         camera=None
         if camera is None
         else Camera(

@@ -84,7 +84,7 @@ def inspect(
         matched, placed = quick_matches.together(linked, len(names))
     problems = _problems(names, sharp, light, matched, placed)
     if not given:
-        problems += perhaps_cropped({v.name: (v.width, v.height) for v in capture.views})
+        problems += perhaps_cropped({view.name: view.as_taken for view in capture.views})
     uneven = float(exposures({pair: link.stops for pair, link in links.items()}, len(names)).std())
     if uneven > UNEVEN:
         problems.append(f"exposure differs between photos: {uneven:.2f} stops (standard deviation)")

@@ -23,11 +23,12 @@ from typing import Any
 
 from mattgs_ops.capture import sparse, visual_hull
 from mattgs_ops.capture.formats import colmap_model
-from mattgs_ops.capture.photos import perhaps_cropped
+from mattgs_ops.capture.photos import NAMED, perhaps_cropped
 from mattgs_ops.capture.scene import PreparedCapture, Scene, View
 from mattgs_ops.capture.sparse import SparseModel
 from mattgs_ops.config import SfmConfig
 from mattgs_ops.errors import InputError, StageError
+from mattgs_ops.naming import listed_names
 from mattgs_ops.progress import Progress, no_progress
 from mattgs_ops.sfm import (
     alignment,
@@ -170,11 +171,21 @@ def _job(
             if keep_poses:
                 pose = (*view.camera.rotation.ravel().tolist(), *view.camera.translation.tolist())
         mask = str(mask_path(masks, view).resolve())
-        size = (view.width, view.height)
-        photo = str(view.photo.resolve())
-        held_out = view.split == "test"
-        told = (view.focal, view.lens)  # by EXIF
-        rows.append(JobView(view.name, photo, mask, *size, intrinsics, pose, *told, held_out))
+        rows.append(
+            JobView(
+                view.name,
+                str(view.photo.resolve()),
+                mask,
+                view.width,
+                view.height,
+                intrinsics,
+                pose,
+                view.focal,
+                view.lens,
+                held_out=view.split == "test",
+                taken=view.taken,
+            )
+        )
     return Job(str(workspace.resolve()), tuple(rows), config.model_dump(mode="json"), threads)
 
 
@@ -196,13 +207,21 @@ def _require_registered(
 
 def warnings(capture: PreparedCapture, answer: Answer) -> list[str]:
     """Return what a reader must know of the cameras, a sentence each."""
-    sizes = {view.name: (view.width, view.height) for view in capture.views}
+    sizes = {view.name: view.as_taken for view in capture.views}
     return [
         *lost_views.warnings(capture, answer),
         *given_poses.warnings(answer),
         *look_alikes.warnings(answer),
-        *(perhaps_cropped(sizes) if _estimated(answer) else ()),
+        *(perhaps_cropped(sizes, answer.cropped) if _estimated(answer) else ()),
     ]
+
+
+def _cropped(answer: Answer) -> list[str]:
+    """Say of which photos the lens's axis was found outside the middle."""
+    if not answer.cropped:
+        return []
+    named = listed_names(answer.cropped, NAMED)
+    return [f"{len(answer.cropped)} are cropped, by where the axis of their lens is: {named}"]
 
 
 def _estimated(answer: Answer) -> bool:
@@ -247,7 +266,8 @@ def _report(
         "seconds": {step: round(s, 3) for step, s in answer.seconds.items()},
         "cpu_seconds": {step: round(s, 3) for step, s in answer.cpu_seconds.items()},
         "threads": answer.threads,
-        "fallbacks": list(answer.fallbacks),
+        "fallbacks": [*answer.fallbacks, *_cropped(answer)],
+        "cropped": answer.cropped,
         "pose_error": pose_error(capture, views) if _estimated(answer) else None,
     }
 

@@ -18,6 +18,7 @@ from mattgs_ops.sfm.colmap import features, mapping, matching
 from mattgs_ops.sfm.colmap.features import Features, Matches, Pair
 from mattgs_ops.sfm.colmap.guides import Guides, beside, sets_of
 from mattgs_ops.sfm.colmap.job import DATABASE_FILE, MODEL_FOLDER, Answer, Job
+from mattgs_ops.sfm.colmap.lenses.build import build_cameras, check_lenses
 from mattgs_ops.sfm.colmap.matching import Verified, partners
 from mattgs_ops.sfm.colmap.moving_object import (
     MOST_EXPLAINED,
@@ -162,7 +163,7 @@ def _match(state: Attempt, found: Sequence[Features], cameras: Sequence[Any]) ->
 def _reconstruct(state: Attempt, found: Sequence[Features]) -> Any:
     """Find poses where they are not known, then points, from training views alone."""
     job = state.job
-    cameras = mapping.build_cameras(job.views, state.config)
+    cameras = build_cameras(job.views, state.config)
     pairs = {} if job.poses_known else _match(state, found, cameras)
     if state.answer.mode == "shared":
         sides = [max(view.width, view.height) for view in job.views]
@@ -285,8 +286,9 @@ def _map(
             )
         if models:
             guides.settle(models)
-            mapping.adjust(models[0], intrinsics_known=known)
-            mapping.check_lenses(models[0])
+            moved = mapping.adjust(models[0], state.job.views, database, intrinsics_known=known)
+            state.answer.cropped = [state.job.views[place].name for place in moved]
+            check_lenses(models[0])
     if not models:
         raise StageError(
             "structure-from-motion: no two views could be placed relative to each other; expected "

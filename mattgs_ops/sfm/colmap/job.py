@@ -23,7 +23,8 @@ class JobView:
     """One photo with its mask; ``pose`` is (R row by row, t), world-to-camera, where known.
 
     ``focal`` is the focal length in pixels that the photo's EXIF tells: where estimation starts.
-    ``lens`` is what EXIF says of the camera.
+    ``lens`` is what EXIF says of the camera. ``taken``: width and height before the photo was
+    reduced, None where it was not.
     A ``held_out`` photo gets a pose with all others, and shapes no point.
     """
 
@@ -37,6 +38,17 @@ class JobView:
     focal: float | None = None
     lens: str = ""
     held_out: bool = False
+    taken: tuple[int, int] | None = None
+
+    @property
+    def as_taken(self) -> tuple[int, int]:
+        """Width and height before the photo was reduced."""
+        return self.taken or (self.width, self.height)
+
+    @property
+    def reduced(self) -> float:
+        """Pixels per pixel of the photo as it was taken."""
+        return max(self.width, self.height) / max(self.as_taken)
 
 
 @dataclass(frozen=True)
@@ -90,7 +102,7 @@ class Job:
         data = json.loads(path.read_text(encoding="utf-8"))
         views = []
         for row in data.pop("views"):
-            for key in ("intrinsics", "pose"):
+            for key in ("intrinsics", "pose", "taken"):
                 row[key] = None if row[key] is None else tuple(row[key])
             views.append(JobView(**row))
         return cls(views=tuple(views), **data)
@@ -118,6 +130,7 @@ class Answer:
     # by look_alikes: pairs that share most beside the object, and how many of them the poses of
     # whole photos explain
     beside_object: dict[str, int] = field(default_factory=dict)
+    cropped: list[str] = field(default_factory=list)  # views whose lens's axis was moved (lenses)
     on_side: str = ""  # which views lie on their side before the others (rolled_groups), in words
     # pairs of photos that were matched by looks, how many of them given cameras explain, and the
     # views that contradict all of theirs (given_poses); empty where cameras were estimated

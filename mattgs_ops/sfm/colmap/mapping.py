@@ -16,9 +16,9 @@ from mattgs_ops.config import SfmConfig
 from mattgs_ops.errors import StageError
 from mattgs_ops.sfm.colmap.features import Matches, Pair
 from mattgs_ops.sfm.colmap.job import JobView
+from mattgs_ops.sfm.colmap.lenses import cropped
 from mattgs_ops.sfm.colmap.matching import Verified
 
-FOCAL_GUESS = 1.2  # times the longest side, COLMAP's first guess without EXIF
 SMALLEST_MODEL = 3  # views; fewer are no model
 # Pixels of error from which an observation counts less (Cauchy's loss). SIFT is exact to about half
 # a pixel; COLMAP accepts matches up to 4 pixels off, and some of those are wrong
@@ -29,38 +29,6 @@ GROWTH_OF_MODEL = 1.3
 # A growing model is shown this often on its way to all views, and never more than every third view
 GLANCES = 8
 CONVERGED = 1e-6  # relative change of the cost: Ceres' own default, COLMAP's is none
-
-
-def build_cameras(views: Sequence[JobView], config: SfmConfig) -> list[Any]:
-    """Return each view's pycolmap camera.
-
-    Views share one when they have one given pinhole, or else one size, orientation, camera and
-    focal length in EXIF: so photos of both orientations, of a lens that zooms, and of different
-    people get cameras of their own.
-    """
-    import pycolmap
-
-    shared: dict[tuple[Any, ...], Any] = {}
-    out = []
-    for view in views:
-        key = (view.width, view.height, view.intrinsics, view.focal, view.lens)
-        if key not in shared:
-            number = len(shared) + 1
-            if view.intrinsics is None:
-                guess = view.focal or FOCAL_GUESS * max(view.width, view.height)
-                camera = pycolmap.Camera.create_from_model_name(
-                    number, config.camera_model, guess, view.width, view.height
-                )
-                camera.has_prior_focal_length = view.focal is not None
-            else:
-                camera = pycolmap.Camera.create_from_model_name(
-                    number, "PINHOLE", view.intrinsics[0], view.width, view.height
-                )
-                camera.params = list(view.intrinsics)
-                camera.has_prior_focal_length = True
-            shared[key] = camera
-        out.append(shared[key])
-    return out
 
 
 def write_database(
@@ -194,11 +162,15 @@ def global_(
     return _largest_first(pycolmap.global_mapping(database, photos, out, options))
 
 
-def adjust(model: Any, *, intrinsics_known: bool) -> None:
+def adjust(
+    model: Any, views: Sequence[JobView], database: Path, *, intrinsics_known: bool
+) -> list[int]:
     """Adjust poses, points and intrinsics (unless known) once more, with a robust loss.
 
     COLMAP's mappers end with plain least squares, in which the worst matches weigh most;
-    docs/sfm.md has the pose errors with and without this step.
+    docs/sfm.md has the pose errors with and without this step. Where the axis of the lens misses
+    the middle of photos that were cropped, it is moved, and all is adjusted again. Returns the
+    places of these views; view ``i`` is image ``i + 1``.
     """
     import pycolmap
 
@@ -211,25 +183,32 @@ def adjust(model: Any, *, intrinsics_known: bool) -> None:
     options.ceres.use_gpu = False
     options.ceres.solver_options.num_threads = 1
     options.ceres.solver_options.function_tolerance = CONVERGED
-    pycolmap.bundle_adjustment(model, options)
+    alone = cropped.images_of_their_own_size(model, views)
+    if not alone:
+        pycolmap.bundle_adjustment(model, options)
+        return []
+    cropped.forget(model, alone)  # a wrong axis bends the others' lens
+    _solve(model, options, leaving_out=alone)
+    moved = cropped.find_axes(model, alone, views, database, options)
+    # the middle of these photos must not become their axis again
+    _solve(model, options, fixed=[model.image(number).camera_id for number in moved])
+    return [number - 1 for number in moved]
 
 
-def check_lenses(model: Any) -> None:
-    """Raise :class:`StageError` where a lens came out that no camera has, by COLMAP's own bounds.
-
-    Poses beside such a lens are wrong too, however well they explain the matches.
-    """
+def _solve(
+    model: Any, options: Any, *, leaving_out: Sequence[int] = (), fixed: Sequence[int] = ()
+) -> None:
+    """Adjust a model's images but for some; some cameras stay fixed."""
     import pycolmap
 
-    bounds = pycolmap.IncrementalPipelineOptions()
-    limits = bounds.min_focal_length_ratio, bounds.max_focal_length_ratio, bounds.max_extra_param
-    for lens in model.cameras.values():
-        if lens.has_bogus_params(*limits):
-            raise StageError(
-                f"structure-from-motion: the lens came out as {lens.model.name} with "
-                f"{lens.params_to_string()}, which no camera has; expected photos from different "
-                "positions of an unmoving scene"
-            )
+    config = pycolmap.BundleAdjustmentConfig()
+    for number in model.reg_image_ids():
+        if number not in leaving_out:
+            config.add_image(number)
+    for camera in fixed:
+        config.set_constant_cam_intrinsics(camera)
+    config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+    pycolmap.create_default_bundle_adjuster(options, config, model).solve()
 
 
 def with_poses(views: Sequence[JobView], cameras: Sequence[Any]) -> Any:

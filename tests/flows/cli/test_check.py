@@ -49,7 +49,7 @@ def test_photos_are_looked_at_and_masks_drawn(tmp_path: Path) -> None:
     photos = some(tmp_path / "photos", 3)
     result = checked(photos, tmp_path / "out")
     assert result.exit_code == 0, result.output
-    assert "3 photos, 800x600 pixels" in result.output
+    assert "3 photos, 800x600 pixels as they are used\n" in result.output
     assert "about 3 of 3 photos will get a camera" in result.output
     assert "a full run takes about" in result.output
     assert "; where photos without a camera are sought anew, up to " in result.output
@@ -100,6 +100,7 @@ def test_photos_that_will_be_sought_anew_take_longer(tmp_path: Path) -> None:
     noise = rng.integers(0, 256, (120, 160, 3)).astype(np.uint8)
     cv2.imwrite(str(photos / "noise.png"), noise)
     result = checked(photos, tmp_path / "out", *masks_for(photos, tmp_path / "masks"))
+    assert "pixels as they are used; masks came with them\n" in result.output
     assert "about 4 of 5 photos will get a camera" in result.output
     assert "; as photos without a camera are sought anew, up to " in result.output
 

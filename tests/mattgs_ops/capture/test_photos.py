@@ -280,3 +280,4 @@ def test_photos_of_a_size_of_their_own_may_be_cropped() -> None:
     (told,) = perhaps_cropped(sizes)
     assert told.startswith("1 have a size that no other photo has: c; if they are cropped")
     assert perhaps_cropped(sizes | {"c": (40, 30)}) == []
+    assert perhaps_cropped(sizes, mended=["c"]) == []

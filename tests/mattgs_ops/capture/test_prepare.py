@@ -70,7 +70,7 @@ def test_exif_orientation_is_baked_in(tmp_path: Path) -> None:
 
 def test_large_photos_are_reduced_by_area(tmp_path: Path) -> None:
     view = run(write_photos(tmp_path / "in"), tmp_path / "out", max_size=24).views[0]
-    assert (view.width, view.height) == (24, 18)
+    assert (view.width, view.height, view.as_taken) == (24, 18, (48, 36))
     mean = picture(0).reshape(18, 2, 24, 2, 3).mean(axis=(1, 3))
     assert np.abs(pixels(view.photo) - mean).max() <= 1
 

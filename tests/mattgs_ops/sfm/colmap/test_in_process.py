@@ -19,8 +19,9 @@ import hashlib, json, sys
 from pathlib import Path
 import numpy as np
 from mattgs_ops.config import SfmConfig
-from mattgs_ops.sfm.colmap import features, mapping, matching
+from mattgs_ops.sfm.colmap import features, matching
 from mattgs_ops.sfm.colmap.job import Job
+from mattgs_ops.sfm.colmap.lenses.build import build_cameras
 
 job, thorough, counts_of_threads = json.loads(sys.argv[1])
 views, config = Job.load(Path(job)).views, SfmConfig()
@@ -35,7 +36,7 @@ def extracted_and_matched(threads):
         [np.arange(len(f.inside)) for f in found],
         [f.positions for f in found],
         [f.inside for f in found],
-        mapping.build_cameras(views, config),
+        build_cameras(views, config),
         0,
         threads,
         lambda *n: notes.append(n),
@@ -127,7 +128,7 @@ before = [camera.params.tolist() for camera in model.cameras.values()]
 results = []
 for known in (False, True, True):
     mine = pycolmap.Reconstruction(model)
-    mapping.adjust(mine, intrinsics_known=known)
+    mapping.adjust(mine, (), "", intrinsics_known=known)
     kept = [camera.params.tolist() for camera in mine.cameras.values()] == before
     results.append([error(mine), kept])
 print(json.dumps([error(plain), results]))

@@ -86,7 +86,7 @@ def ask_photos(
     told: dict[Pair, bool] = {}
     with state.step("match"):
         verified = matching.match_and_verify(
-            matching.most_similar(descriptors, PARTNERS, job.threads),
+            matching.most_similar(matching.similarities(descriptors, job.threads), PARTNERS),
             descriptors,
             rows,
             positions,

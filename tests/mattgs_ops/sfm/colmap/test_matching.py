@@ -94,7 +94,7 @@ def test_too_few_descriptors_match_nothing(counts: tuple[int, int]) -> None:
     assert found.shape == (0, 2)
 
 
-def test_few_views_are_matched_exhaustively_more_by_looks_and_many_as_a_sequence() -> None:
+def test_few_views_are_matched_exhaustively_and_more_by_looks() -> None:
     rng = np.random.default_rng(3)
     data = [descriptors(rng, 4) for _ in range(40)]
     everything = 40 * 39 // 2
@@ -104,7 +104,7 @@ def test_few_views_are_matched_exhaustively_more_by_looks_and_many_as_a_sequence
     assert matching.choose_pairs(data, SfmConfig()) == matching.choose_pairs(
         data, SfmConfig(matcher="similar")
     )
-    sequence = matching.choose_pairs(data, SfmConfig(similar_limit=39))
+    sequence = matching.choose_pairs(data, SfmConfig(matcher="sequential"))
     assert {(0, 1), (0, 10), (0, 16), (0, 32), (7, 39)} <= set(sequence)
     assert not {(0, 11), (0, 15), (0, 33)} & set(sequence)
 
@@ -115,6 +115,23 @@ def test_photos_in_no_order_are_compared_with_those_that_look_most_alike() -> No
     data = [noisy(places[number % 4], rng, 4.0) for number in range(32)]
     alike = {(i, j) for i in range(32) for j in range(i + 1, 32) if i % 4 == j % 4}
     assert set(matching.choose_pairs(data, SfmConfig())) == alike
+
+
+def test_many_photos_are_a_sequence_where_they_are_followed_by_one_that_looks_alike() -> None:
+    rng = np.random.default_rng(8)
+    seen = descriptors(rng, 6 * 30 + 24)
+    walk = [noisy(seen[6 * number : 6 * number + 24], rng, 4.0) for number in range(30)]
+    many = SfmConfig(exhaustive_limit=10, similar_limit=20)
+
+    def is_matched_as(matcher: str, photos: list[NDArray[np.uint8]]) -> bool:
+        same = many.model_copy(update={"matcher": matcher})
+        return matching.choose_pairs(photos, many) == matching.choose_pairs(photos, same)
+
+    assert is_matched_as("sequential", walk)
+    assert not is_matched_as("similar", walk)
+    by_other_names = [walk[number] for number in rng.permutation(30)]
+    assert is_matched_as("similar", by_other_names)
+    assert not is_matched_as("sequential", by_other_names)
 
 
 def test_a_sequence_closes_its_loop_by_looks() -> None:

@@ -30,18 +30,20 @@ from reports.figures.plots import style
 from tasks.stages.cores import own_cores
 
 # Seconds of a run at its default settings on two cores of 2026, by what they grow with. The first
-# is of `benchmarks/sfm/beside_colmap.py` with two threads, the others of `make run` (216 photos of
-# 0.48 megapixels, 18 trainings), those of trainings summed over workers.
-A_PHOTO_AND_MEGAPIXEL = 1.1  # structure-from-motion
+# two are fitted to structure-from-motion of 43 real captures of 7 to 180 photos, 38 of which took
+# half to twice as long; the others are of `make run` (216 photos of 0.48 megapixels, 18
+# trainings), those of trainings summed over workers.
+A_MEGAPIXEL = 0.3  # structure-from-motion: key points
+A_VIEW = 0.34  # matches and poses
 A_PHOTO = 0.65  # segmentation and agreement between views
 A_STEP = 0.02  # of a training at 320 pixels
 A_TRAINING = 10.5  # scores and speed
 WORKERS = 2
 # By PreparedCapture.masks_are; nothing where the network segments
 WHOSE_MASKS = {"given": "; masks came with them", "alpha": "; their alpha is the mask"}
-# All attempts at structure-from-motion took 3.7 to 7.4 times what the first is said to take: 93
-# photos of a cut-out plush cat, 125 frames of a figure, the 14 photos of a duck of docs/sfm.md
-ALL_ATTEMPTS = 8
+# All attempts at structure-from-motion took 2.9 to 9.6 times what the first is said to take, by
+# seven real captures of 16 to 135 photos
+ALL_ATTEMPTS = 10
 # By lenses of up to 53 degrees the masks' hull reaches half of the way from the object to the
 # cameras (`visual_hull.shared_cube`)
 BEFORE_OBJECT = 2.0
@@ -214,7 +216,7 @@ def estimate(
     trainings = len(list(cells(config, capture.name)))
     area = (config.resolution / BenchmarkConfig().resolution) ** 2
     trained = trainings * (config.iterations * A_STEP * area + A_TRAINING)
-    sfm = A_PHOTO_AND_MEGAPIXEL * megapixels
+    sfm = A_MEGAPIXEL * megapixels + A_VIEW * count
     return Estimate(
         seconds=sfm + A_PHOTO * count + trained / WORKERS,
         further_attempts=0.0 if given else (ALL_ATTEMPTS - 1) * sfm,

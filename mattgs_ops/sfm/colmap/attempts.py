@@ -288,7 +288,7 @@ def _map(
             guides.settle(models)
             moved = mapping.adjust(models[0], state.job.views, database, intrinsics_known=known)
             state.answer.cropped = [state.job.views[place].name for place in moved]
-            check_lenses(models[0])
+            check_lenses(models[0], moved)
     if not models:
         raise StageError(
             "structure-from-motion: no two views could be placed relative to each other; expected "

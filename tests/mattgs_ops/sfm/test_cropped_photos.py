@@ -14,23 +14,23 @@ from mattgs_ops.sfm.colmap.job import Answer
 from mattgs_ops.sfm.pipeline import warnings
 
 Copy = Callable[..., PreparedCapture]
-FROM = 60  # the column of a photo of 240 x 180 pixels where the part begins that is left
 
 
-def cropped(view: View, masks: Path) -> View:
-    """Cut the left of a view's photo and mask away."""
+def cropped(view: View, masks: Path, left: int) -> View:
+    """Cut columns on the left of a view's photo and mask away."""
     for path in (view.photo, masks / view.photo.name):
         picture = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
         assert picture is not None
-        cv2.imwrite(str(path), picture[:, FROM:])
-    return replace(view, width=view.width - FROM)
+        cv2.imwrite(str(path), picture[:, left:])
+    return replace(view, width=view.width - left)
 
 
-def test_the_camera_of_a_cropped_photo_is_right(copied: Copy, tmp_path: Path) -> None:
+@pytest.mark.parametrize("left", [60, 130], ids=["axis in the photo", "axis beside it"])
+def test_the_camera_of_a_cropped_photo_is_right(copied: Copy, tmp_path: Path, left: int) -> None:
     capture = copied()
     masks = capture.folder / "masks"
     views = list(capture.views)
-    views[4] = cropped(views[4], masks)
+    views[4] = cropped(views[4], masks, left)
     capture = replace(capture, views=tuple(views))
     scene = sfm.reconstruct(capture, masks, SfmConfig(), tmp_path / "out")
     extra = scene.extra
@@ -40,7 +40,7 @@ def test_the_camera_of_a_cropped_photo_is_right(copied: Copy, tmp_path: Path) ->
     assert extra["warnings"] == []
     camera = scene.views[4].camera
     assert camera is not None
-    assert camera.intrinsics.cx == pytest.approx(240 / 2 - FROM, abs=3)
+    assert camera.intrinsics.cx == pytest.approx(240 / 2 - left, abs=3)
     assert extra["pose_error"]["position_max"] < 0.02  # 0.04 with the axis in the middle
 
 

@@ -1,6 +1,6 @@
 """Which views share one of COLMAP's cameras; which lenses no camera has. Worker process only."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 from mattgs_ops.config import SfmConfig
@@ -43,17 +43,19 @@ def build_cameras(views: Sequence[JobView], config: SfmConfig) -> list[Any]:
     return out
 
 
-def check_lenses(model: Any) -> None:
+def check_lenses(model: Any, cropped: Collection[int] = ()) -> None:
     """Raise :class:`StageError` where a lens came out that no camera has, by COLMAP's own bounds.
 
-    Poses beside such a lens are wrong too, however well they explain the matches.
+    Poses beside such a lens are wrong too, however well they explain the matches. The views at the
+    places ``cropped`` have lenses of others; their axis may lie beside the photo.
     """
     import pycolmap
 
     bounds = pycolmap.IncrementalPipelineOptions()
     limits = bounds.min_focal_length_ratio, bounds.max_focal_length_ratio, bounds.max_extra_param
-    for lens in model.cameras.values():
-        if lens.has_bogus_params(*limits):
+    moved = {model.image(place + 1).camera_id for place in cropped}
+    for number, lens in model.cameras.items():
+        if number not in moved and lens.has_bogus_params(*limits):
             raise StageError(
                 f"structure-from-motion: the lens came out as {lens.model.name} with "
                 f"{lens.params_to_string()}, which no camera has; expected photos from different "

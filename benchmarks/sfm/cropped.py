@@ -8,6 +8,7 @@ capture and change, with none first.
 """
 
 import argparse
+import shutil
 import tempfile
 from collections.abc import Callable
 from dataclasses import replace
@@ -16,18 +17,18 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks.sfm.modes import prepared
+from benchmarks.sfm.modes import pose_cells, prepared
 from mattgs_ops import sfm
+from mattgs_ops.capture.mask_files import binary
 from mattgs_ops.capture.photos import read_rgb, write_png
 from mattgs_ops.capture.scene import PreparedCapture, View
 from mattgs_ops.config import SfmConfig
 
 EVERY, FIRST = 3, 1
-HALF = 128  # a mask's pixel is the object's from here on
 MOST_CUT, MOST_SCALED = 0.18, 0.4
 HEADER = (
     "capture", "changed", "photos", "registered", "taken for cropped", "rotation ° mean / max",
-    "position % mean / max",
+    "position mean / max",
 )  # fmt: skip
 Change = Callable[[np.ndarray, np.random.Generator], np.ndarray]
 
@@ -40,9 +41,10 @@ def main() -> None:
     print("|" + "---|" * len(HEADER))
     changes: dict[str, Change | None] = {"none": None, "cropped": cut, "scaled": scaled}
     for text in parser.parse_args().captures:
-        for name, change in changes.items():
-            with tempfile.TemporaryDirectory() as scratch:
-                print(row(text, name, change, Path(scratch)), flush=True)
+        with tempfile.TemporaryDirectory() as scratch:
+            capture, masks = prepared(text, Path(scratch))
+            for name, change in changes.items():
+                print(row(capture, masks, name, change, Path(scratch) / name), flush=True)
 
 
 def cut(picture: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -58,9 +60,13 @@ def scaled(picture: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return np.asarray(cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
 
 
-def row(text: str, name: str, change: Change | None, scratch: Path) -> str:
-    """Reconstruct a capture with some photos changed; returns its row."""
-    capture, masks = prepared(text, scratch)
+def row(
+    base: PreparedCapture, its_masks: Path, name: str, change: Change | None, folder: Path
+) -> str:
+    """Reconstruct a capture with some photos changed, in a folder of its own; returns its row."""
+    shutil.copytree(base.folder, folder / "capture")
+    masks = shutil.copytree(its_masks, folder / "of-object")
+    capture = PreparedCapture.load(folder / "capture")
     changed = [] if change is None else capture.views[FIRST::EVERY]
     views = {view.name: view for view in capture.views}
     for number, view in enumerate(changed):
@@ -68,14 +74,14 @@ def row(text: str, name: str, change: Change | None, scratch: Path) -> str:
         views[view.name] = changed_view(view, masks, change, number)
     # known cameras are compared with only: what is given would be kept
     capture = replace(capture, views=tuple(views.values()), cameras_are="truth")
-    found = sfm.reconstruct(capture, masks, SfmConfig(poses="estimate"), scratch / "out", threads=2)
+    found = sfm.reconstruct(capture, masks, SfmConfig(poses="estimate"), folder / "out", threads=2)
     cells = [
         capture.name,
         name,
         f"{len(changed)} of {len(views)}",
         str(found.extra["registered"]),
-        str(len(found.extra.get("cropped", []))),
-        *errors(capture, found.extra["pose_error"]),
+        str(len(found.extra["cropped"])),
+        *pose_cells(found.extra["pose_error"]),
     ]
     return "| " + " | ".join(cells) + " |"
 
@@ -84,21 +90,11 @@ def changed_view(view: View, masks: Path, change: Change, number: int) -> View:
     """Change a view's photo and mask alike."""
     mask = masks / f"{view.name}.png"
     grey = change(read_rgb(mask), np.random.default_rng(number))[..., 0]
-    write_png(mask, np.where(grey >= HALF, np.uint8(255), np.uint8(0)))
+    write_png(mask, binary(grey, str(mask)))
     picture = change(read_rgb(view.photo), np.random.default_rng(number))
     write_png(view.photo, np.ascontiguousarray(picture))
     height, width = picture.shape[:2]
     return replace(view, width=width, height=height)
-
-
-def errors(capture: PreparedCapture, error: dict[str, float] | None) -> tuple[str, str]:
-    """Return errors of rotations and positions in words."""
-    if error is None:
-        raise SystemExit(f"{capture.name}: expected a capture with known cameras")
-    return (
-        f"{error['rotation_deg_mean']:.2f} / {error['rotation_deg_max']:.2f}",
-        f"{100 * error['position_mean']:.2f} / {100 * error['position_max']:.2f}",
-    )
 
 
 if __name__ == "__main__":

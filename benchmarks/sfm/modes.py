@@ -12,6 +12,7 @@ import json
 import sys
 import tempfile
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -89,10 +90,7 @@ def row(capture: PreparedCapture, masks: Path, config: SfmConfig, out: Path) -> 
         str(e["object_points"]),
         f"{true_share(scene):.1%}",
         "-" if e["reprojection_error"] is None else f"{e['reprojection_error']:.2f}",
-        "-"
-        if pose is None
-        else f"{pose['rotation_deg_mean']:.2f} / {pose['rotation_deg_max']:.2f}",
-        "-" if pose is None else f"{pose['position_mean']:.2%} / {pose['position_max']:.2%}",
+        *pose_cells(pose),
         "-" if pose is None else f"{pose['focal']:+.2%}",
         " + ".join(
             f"{e['seconds'].get(step, 0):.0f}"
@@ -101,6 +99,16 @@ def row(capture: PreparedCapture, masks: Path, config: SfmConfig, out: Path) -> 
         f"{total:.0f}",
     ]
     return "| " + " | ".join(cells) + " |"
+
+
+def pose_cells(pose: Mapping[str, float] | None) -> tuple[str, str]:
+    """Return mean and largest errors of rotations and of positions in words."""
+    if pose is None:
+        return "-", "-"
+    return (
+        f"{pose['rotation_deg_mean']:.2f} / {pose['rotation_deg_max']:.2f}",
+        f"{pose['position_mean']:.2%} / {pose['position_max']:.2%}",
+    )
 
 
 def true_share(scene: Scene) -> float:

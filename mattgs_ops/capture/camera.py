@@ -4,6 +4,8 @@ World-to-camera, x right, y down, z forward; lengths of the image plane in pixel
 the top-left pixel is at (0.5, 0.5). Lens distortion is removed before a :class:`Camera` is made.
 """
 
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,6 +71,12 @@ class Camera:
         with np.errstate(divide="ignore", invalid="ignore"):
             pixels = np.stack([x / depth * i.fx + i.cx, y / depth * i.fy + i.cy], axis=-1)
         return pixels, depth
+
+
+def sizes_of_their_own(sizes: Sequence[tuple[int, int]]) -> list[int]:
+    """Return the places of sizes (width, height) that no other has, either way up."""
+    counts = Counter(tuple(sorted(size)) for size in sizes)
+    return [place for place, size in enumerate(sizes) if counts[tuple(sorted(size))] == 1]
 
 
 def in_frame(

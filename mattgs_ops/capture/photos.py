@@ -6,7 +6,6 @@ what to do about it. Decoding applies the EXIF orientation once; nothing downstr
 """
 
 import struct
-from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import ExifTags, Image, UnidentifiedImageError
 
+from mattgs_ops.capture.camera import sizes_of_their_own
 from mattgs_ops.capture.formats.exif import exif_focal, exif_lens
 from mattgs_ops.capture.formats.not_read import advice
 from mattgs_ops.capture.formats.split_lists import LIST_FILES, NERF_LISTS
@@ -108,9 +108,8 @@ def perhaps_cropped(
     Photos that were cropped to shapes of their own give themselves away by that. Those whose axis
     was found (``mended``) are left out.
     """
-    counts = Counter(tuple(sorted(size)) for size in sizes.values())
-    alone = [name for name, size in sizes.items() if counts[tuple(sorted(size))] == 1]
-    found = [name for name in alone if name not in mended]
+    names, alone = list(sizes), sizes_of_their_own(list(sizes.values()))
+    found = [names[place] for place in alone if names[place] not in mended]
     if not found:
         return []
     told = f"{len(found)} have a size that no other photo has: {listed_names(found, NAMED)}"

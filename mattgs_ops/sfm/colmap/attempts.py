@@ -287,7 +287,7 @@ def _map(
         if models:
             guides.settle(models)
             moved = mapping.adjust(models[0], state.job.views, database, intrinsics_known=known)
-            state.answer.cropped = [state.job.views[place].name for place in moved]
+            state.answer.cropped = [state.job.views[number - 1].name for number in moved]
             check_lenses(models[0], moved)
     if not models:
         raise StageError(

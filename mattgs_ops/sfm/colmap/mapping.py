@@ -170,7 +170,7 @@ def adjust(
     COLMAP's mappers end with plain least squares, in which the worst matches weigh most;
     docs/sfm.md has the pose errors with and without this step. Where the axis of the lens misses
     the middle of photos that were cropped, it is moved, and all is adjusted again. Returns the
-    places of these views; view ``i`` is image ``i + 1``.
+    numbers of these images; view ``i`` is image ``i + 1``.
     """
     import pycolmap
 
@@ -192,7 +192,7 @@ def adjust(
     moved = cropped.find_axes(model, alone, views, database, options)
     # the middle of these photos must not become their axis again
     _solve(model, options, fixed=[model.image(number).camera_id for number in moved])
-    return [number - 1 for number in moved]
+    return moved
 
 
 def _solve(

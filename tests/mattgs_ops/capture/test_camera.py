@@ -10,6 +10,7 @@ from mattgs_ops.capture.camera import (
     in_frame,
     quaternion_of,
     rotation_of,
+    sizes_of_their_own,
 )
 from tests.reference.opengl import to_opengl
 
@@ -99,3 +100,8 @@ def test_quaternions_and_rotations_are_inverse_also_for_half_turns() -> None:
 def test_a_quarter_turn_about_z_takes_x_to_y() -> None:
     quarter = rotation_of(np.array([1.0, 0, 0, 1.0]))
     assert np.allclose(quarter @ [1, 0, 0], [0, 1, 0])
+
+
+def test_a_size_is_its_own_where_no_other_has_it_either_way_up() -> None:
+    assert sizes_of_their_own([(40, 30), (30, 40), (40, 20), (20, 50), (40, 30)]) == [2, 3]
+    assert sizes_of_their_own([]) == []

@@ -45,16 +45,13 @@ def test_the_camera_of_a_cropped_photo_is_right(copied: Copy, tmp_path: Path, le
 
 
 def test_photos_of_their_own_size_are_told_unless_their_axis_was_found(copied: Copy) -> None:
-    views = list(copied().views)
+    capture = copied(cameras_are="none")
+    views = list(capture.views)
     views[4], views[5] = (replace(views[n], taken=(900, 600 + n)) for n in (4, 5))
-    capture = replace(copied_again(views), cameras_are="none")
+    capture = replace(capture, views=tuple(views))
     answer = Answer("shared", seconds={"map": 1.0}, registered=[view.name for view in views])
     (told,) = warnings(capture, answer)
     assert told.startswith("2 have a size that no other photo has: 0004.jpg, 0005.jpg; if they")
     answer.cropped = ["0005.jpg"]
     (told,) = warnings(capture, answer)
     assert told.startswith("1 have a size that no other photo has: 0004.jpg; if they")
-
-
-def copied_again(views: list[View]) -> PreparedCapture:
-    return PreparedCapture("box", views[0].photo.parent.parent, tuple(views), "truth", "truth")

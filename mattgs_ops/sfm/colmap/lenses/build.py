@@ -46,14 +46,14 @@ def build_cameras(views: Sequence[JobView], config: SfmConfig) -> list[Any]:
 def check_lenses(model: Any, cropped: Collection[int] = ()) -> None:
     """Raise :class:`StageError` where a lens came out that no camera has, by COLMAP's own bounds.
 
-    Poses beside such a lens are wrong too, however well they explain the matches. The views at the
-    places ``cropped`` have lenses of others; their axis may lie beside the photo.
+    Poses beside such a lens are wrong too, however well they explain the matches. The images
+    ``cropped`` have lenses of others; their axis may lie beside the photo.
     """
     import pycolmap
 
     bounds = pycolmap.IncrementalPipelineOptions()
     limits = bounds.min_focal_length_ratio, bounds.max_focal_length_ratio, bounds.max_extra_param
-    moved = {model.image(place + 1).camera_id for place in cropped}
+    moved = {model.image(image).camera_id for image in cropped}
     for number, lens in model.cameras.items():
         if number not in moved and lens.has_bogus_params(*limits):
             raise StageError(

@@ -12,8 +12,7 @@ the model were chosen by the first. A photo that was also scaled after it was cr
 that way.
 """
 
-from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from copy import deepcopy
 from pathlib import Path
 from typing import Any
@@ -21,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mattgs_ops.capture.camera import sizes_of_their_own
 from mattgs_ops.sfm.colmap.job import JobView
 
 # Twice the logarithm of the Bayes factor from which evidence counts as very strong: R. Kass and
@@ -32,24 +32,17 @@ FEWEST_PHOTOS = 3
 AS_BAD_AS_CAN_BE = 1e8  # a squared error in pixels, as if 10,000 pixels off
 
 
-def sizes_of_their_own(views: Sequence[JobView]) -> list[int]:
-    """Return the places of views without known intrinsics whose size no other has, turned or not.
-
-    Sizes are those of photos as they were taken, before any was reduced.
-    """
-    counts = Counter(tuple(sorted(view.as_taken)) for view in views)
-    return [
-        place
-        for place, view in enumerate(views)
-        if view.intrinsics is None and counts[tuple(sorted(view.as_taken))] == 1
-    ]
-
-
 def images_of_their_own_size(model: Any, views: Sequence[JobView]) -> list[int]:
-    """Return the registered images of such views; none where too few or no more others are left."""
-    numbers = [place + 1 for place in sizes_of_their_own(views)]
-    numbers = [n for n in numbers if model.exists_image(n) and model.image(n).has_pose]
-    others = model.num_reg_images() - len(numbers)
+    """Return the placed images without known intrinsics whose size no other view has.
+
+    Sizes are those of photos as they were taken, before any was reduced. None where too few or no
+    more other images are placed.
+    """
+    alone = sizes_of_their_own([view.as_taken for view in views])
+    unknown = [place + 1 for place in alone if views[place].intrinsics is None]
+    placed = set(model.reg_image_ids())
+    numbers = [number for number in unknown if number in placed]
+    others = len(placed) - len(numbers)
     return numbers if others > len(numbers) and others >= FEWEST_PHOTOS else []
 
 
@@ -70,23 +63,26 @@ def find_axes(
     ``model`` is a reconstruction in which view ``i`` is image ``i + 1``, as in the ``database`` of
     its matches. ``options`` are of its bundle adjustment, whose robust loss weighs misfits, too.
     """
-    placed = Counter(model.image(number).camera_id for number in model.reg_image_ids())
+    import pycolmap
+
     scale = options.ceres.loss_function_scale
     others, moved = sorted(set(model.reg_image_ids()) - set(alone)), []
-    for number in alone:
-        _see_matches(model, number, others, database)
-        _resect(model, number, options, axis=False)
-        as_mapped = least = misfit(model, number, scale)
-        own = best = _state(model, number)
-        for lens in _lenses_for(number, views, model, placed):
-            _set(model, number, (own[0], lens))
-            _resect(model, number, options, axis=True)
-            found = misfit(model, number, scale)
-            if found < min(least, as_mapped - VERY_STRONG):
-                least, best = found, _state(model, number)
-        _set(model, number, best)
-        if least < as_mapped:
-            moved.append(number)
+    lenders = _lenders(model, others, views)
+    with pycolmap.Database.open(database) as matches:
+        for number in alone:
+            _see_matches(model, number, others, matches)
+            _resect(model, number, options, axis=False)
+            as_mapped = least = misfit(model, number, scale)
+            own = best = _state(model, number)
+            for lens in _lenses_for(views[number - 1], lenders):
+                _set(model, number, (own[0], lens))
+                _resect(model, number, options, axis=True)
+                found = misfit(model, number, scale)
+                if found < min(least, as_mapped - VERY_STRONG):
+                    least, best = found, _state(model, number)
+            _set(model, number, best)
+            if least < as_mapped:
+                moved.append(number)
     return moved
 
 
@@ -108,45 +104,49 @@ def misfit(model: Any, number: int, scale: float) -> float:
     return float(2 * np.log1p(squared / scale**2).sum())
 
 
-def _see_matches(model: Any, number: int, others: Sequence[int], database: Path) -> None:
-    """Let an image see the points of other images that it matches."""
+def _see_matches(model: Any, number: int, others: Sequence[int], matches: Any) -> None:
+    """Let an image see the points of other images that it matches, by the database ``matches``."""
     import pycolmap
 
     image = model.image(number)
-    with pycolmap.Database.open(database) as matches:
-        for other in others:
-            if not matches.exists_two_view_geometry(number, other):
-                continue
-            for mine, theirs in matches.read_two_view_geometry(number, other).inlier_matches:
-                seen = model.image(other).point2D(theirs)
-                if seen.has_point3D() and not image.point2D(mine).has_point3D():
-                    element = pycolmap.TrackElement(number, mine)
-                    model.add_observation(seen.point3D_id, element)
+    for other in others:
+        if not matches.exists_two_view_geometry(number, other):
+            continue
+        for mine, theirs in matches.read_two_view_geometry(number, other).inlier_matches:
+            seen = model.image(other).point2D(theirs)
+            if seen.has_point3D() and not image.point2D(mine).has_point3D():
+                model.add_observation(seen.point3D_id, pycolmap.TrackElement(number, mine))
+
+
+def _lenders(
+    model: Any, others: Sequence[int], views: Sequence[JobView]
+) -> list[tuple[Any, JobView]]:
+    """Return the cameras that took several of ``others``, most first, each with a view of its."""
+    took: dict[int, list[int]] = {}
+    for number in others:
+        took.setdefault(model.image(number).camera_id, []).append(number)
+    most_first = sorted(took.items(), key=lambda camera: -len(camera[1]))
+    return [
+        (model.camera(camera), views[numbers[0] - 1])
+        for camera, numbers in most_first
+        if len(numbers) >= FEWEST_PHOTOS
+    ]
 
 
 def _lenses_for(
-    number: int, views: Sequence[JobView], model: Any, placed: Counter[int]
-) -> list[NDArray[np.float64]]:
-    """Return an image's parameters with lenses of others and the axis in its middle.
+    view: JobView, lenders: Sequence[tuple[Any, JobView]]
+) -> Iterator[NDArray[np.float64]]:
+    """Yield a view's parameters with lenses of others and the axis in its middle.
 
-    They are the lenses of cameras that took several photos, most first, scaled as the photo was
-    reduced, and of the same name where EXIF tells both names.
+    They are scaled as the photo was reduced, and of the same name where EXIF tells both names.
     """
-    view, out = views[number - 1], []
-    for camera, photos in placed.most_common():
-        other = next(
-            views[n - 1]
-            for n in sorted(model.reg_image_ids())
-            if model.image(n).camera_id == camera
-        )
-        if photos < FEWEST_PHOTOS or not (view.lens in ("", other.lens) or other.lens == ""):
+    for lens, other in lenders:
+        if view.lens and other.lens and view.lens != other.lens:
             continue
-        lens = model.camera(camera)
         params = np.array(lens.params, dtype=np.float64)
         params[list(lens.focal_length_idxs())] *= view.reduced / other.reduced
         params[list(lens.principal_point_idxs())] = view.width / 2, view.height / 2
-        out.append(params)
-    return out
+        yield params
 
 
 def _resect(model: Any, number: int, options: Any, *, axis: bool) -> None:

@@ -6,8 +6,11 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from mattgs_ops.config import SfmConfig
 from mattgs_ops.sfm.colmap.job import JobView
-from mattgs_ops.sfm.colmap.lenses.cropped import sizes_of_their_own
+from mattgs_ops.sfm.colmap.lenses.build import build_cameras
+from mattgs_ops.sfm.colmap.lenses.cropped import images_of_their_own_size
+from mattgs_ops.sfm.colmap.mapping import with_poses
 
 MAP_AND_ADJUST = """
 import json, sys
@@ -57,7 +60,7 @@ for point in truth.points3D.values():
 views = [
     JobView(str(n), "", "", of_image[n].width, of_image[n].height, None, None) for n in numbers
 ]
-moved = mapping.adjust(model, views, database, intrinsics_known=False)
+moved = [n - 1 for n in mapping.adjust(model, views, database, intrinsics_known=False)]
 similarity = pycolmap.align_reconstructions_via_proj_centers(model, truth, 1.0)
 model.transform(similarity)
 away = [
@@ -71,7 +74,8 @@ print(json.dumps([moved, lenses, expected, away]))
 
 
 def view(width: int, height: int, taken: tuple[int, int] | None = None, **told: Any) -> JobView:
-    return JobView("a.jpg", "a.png", "a.png", width, height, told.get("known"), None, taken=taken)
+    pose = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+    return JobView("a.jpg", "a.png", "a.png", width, height, told.get("known"), pose, taken=taken)
 
 
 def test_sizes_count_as_photos_were_taken_either_way_up() -> None:
@@ -84,7 +88,8 @@ def test_sizes_count_as_photos_were_taken_either_way_up() -> None:
         view(40, 20, taken=(40, 20), known=known),
         view(50, 20, known=known),
     ]
-    assert sizes_of_their_own(views) == [3]
+    model = with_poses(views, build_cameras(views, SfmConfig()))
+    assert [number - 1 for number in images_of_their_own_size(model, views)] == [3]
 
 
 def test_a_cropped_photo_gets_the_others_lens_and_an_axis_of_its_own(tmp_path: Path) -> None:
